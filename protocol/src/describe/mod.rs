@@ -1,6 +1,6 @@
 //! Descriptions of the link for other tools: a CAN database, a C header, a Wireshark dissector, a document.
 //!
-//! Each output is a pure function of the tables in [`crate::field`], [`crate::message`] and [`crate::command`]. The
+//! Each output is a template filled with the tables in [`crate::field`], [`crate::message`] and [`crate::command`]. The
 //! results are in the root of this crate (`geu.dbc`, `geu.h`, `geu.lua`, `ICD.md`); a test compares each with its generator.
 //!
 //! ```
@@ -9,54 +9,77 @@
 //! ```
 
 mod dbc;
-mod dissector;
-mod header;
-mod icd;
+mod tables;
 
-pub use dbc::dbc;
-pub use dissector::dissector;
-pub use header::header;
-pub use icd::icd;
+use upon::{Engine, Value};
 
-use crate::command::{COMMAND_CAN, COMMAND_SERIAL, REPLY_CAN, REPLY_SERIAL};
-use crate::message::{MESSAGES, MessageId};
+use crate::can::CanIdMap;
 
-/// Milliseconds between cyclic messages of one kind.
-const CYCLE_MS: u32 = 500;
+/// A [`Value`] with these keys.
+macro_rules! map {
+    ($($key:ident: $value:expr),* $(,)?) => {
+        upon::Value::from([$((stringify!($key), upon::Value::from($value))),*])
+    };
+}
+use map;
 
-/// Every message that travels on CAN: identifier relative to the base, and name.
-fn can_messages() -> impl Iterator<Item = (u16, &'static str)> {
-    ids().filter_map(|(id, name)| if let MessageId::Can(offset) = id { Some((offset, name)) } else { None })
+/// The CAN database for identifiers at `plan`.
+pub fn dbc(plan: CanIdMap) -> String {
+    filled(include_str!("template.dbc"), &dbc::tables(plan))
 }
 
-/// Every message that travels in a serial frame: type and name.
-fn serial_messages() -> impl Iterator<Item = (u8, &'static str)> {
-    ids().filter_map(|(id, name)| if let MessageId::Serial(code) = id { Some((code, name)) } else { None })
+/// The header for on-board software, in C.
+pub fn header() -> String {
+    filled(include_str!("template.h"), &tables::tables())
 }
 
-fn ids() -> impl Iterator<Item = (MessageId, &'static str)> {
-    let commands =
-        [(COMMAND_CAN, "COMMAND"), (REPLY_CAN, "REPLY"), (COMMAND_SERIAL, "COMMAND"), (REPLY_SERIAL, "REPLY")];
-    MESSAGES.iter().map(|message| (message.id, message.name)).chain(commands)
+/// The dissector for Wireshark.
+pub fn dissector() -> String {
+    filled(include_str!("template.lua"), &tables::tables())
 }
 
-/// Replaces each line of `template` that is `marker` and a name by `fill(name)`.
+const BEGIN: &str = "<!-- generated: ";
+const END: &str = "<!-- end -->";
+
+/// The document with its generated sections from the tables of this crate.
 ///
 /// # Panics
-/// For a name unknown to `fill`: the template is part of this crate.
-fn filled(template: &str, marker: &str, fill: impl Fn(&str) -> Option<String>) -> String {
-    let mut text = String::with_capacity(2 * template.len());
-    for line in template.lines() {
-        match line.trim().strip_prefix(marker) {
-            Some(name) => {
-                let name = name.trim();
-                text.push_str(&fill(name).unwrap_or_else(|| panic!("no generated part is called {name}")));
-            }
-            None => {
-                text.push_str(line);
-                text.push('\n');
-            }
-        }
+/// For a section that the template does not have, or that is not closed: both are part of this crate.
+pub fn icd() -> String {
+    refreshed(include_str!("../../ICD.md"), &filled(include_str!("template.md"), &tables::tables()))
+}
+
+/// `document` with each marked section as in `sections`.
+fn refreshed(document: &str, sections: &str) -> String {
+    let mut parts = document.split(BEGIN);
+    let mut text = parts.next().unwrap_or_default().to_string();
+    for part in parts {
+        let (name, rest) = part.split_once('\n').expect("a marker is a line");
+        let (_, prose) = rest.split_once(END).unwrap_or_else(|| panic!("section {name} lacks its {END}"));
+        let section = sections.split(BEGIN).find(|section| section.starts_with(name));
+        let section = section.unwrap_or_else(|| panic!("the template has no section {name}"));
+        text += &format!("{BEGIN}{}{prose}", section.trim_end());
     }
     text
+}
+
+fn filled(template: &str, tables: &Value) -> String {
+    let mut engine = Engine::new();
+    engine.add_filter("hex", |number: i64| format!("{number:02X}"));
+    engine.add_filter("lower", str::to_lowercase);
+    engine.add_filter("constant", |text: &str| text.replace(' ', "_").to_uppercase());
+    let template = engine.compile(template).expect("the template is part of this crate");
+    template.render_from(&engine, tables).to_string().expect("the template is part of this crate")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_section_is_replaced_and_prose_is_not() {
+        let sections = "<!-- generated: b -->\nB\n<!-- end -->\n<!-- generated: a -->\nfresh\n<!-- end -->\n";
+        let text = refreshed("# A\n<!-- generated: a -->\nstale\n<!-- end -->\nprose\n", sections);
+        assert_eq!(text, "# A\n<!-- generated: a -->\nfresh\n<!-- end -->\nprose\n");
+    }
 }

@@ -14,11 +14,67 @@
 extern "C" {
 #endif
 
-//@ constants
+#define GEU_LINK_VERSION_MAJOR {{ major }}u
+#define GEU_LINK_VERSION_MINOR {{ minor }}u
 
-//@ flags
+#define GEU_CLOCK_PER_SAMPLE {{ clock_per_sample }}u
 
-//@ commands
+#define GEU_CAN_BASE_DEFAULT 0x{{ base }}u
+{%- for m in messages %}
+{%- if m.is_can %}
+#define GEU_CAN_{{ m.name }} {{ m.id }}u
+{%- endif %}
+{%- endfor %}
+{%- for e in exchanged %}
+#define GEU_CAN_{{ e.name }} {{ e.can }}u
+{%- endfor %}
+{% for m in messages %}
+#define GEU_{{ m.name }}_LENGTH {{ m.length }}u
+{%- endfor %}
+{%- for e in exchanged %}
+#define GEU_{{ e.name }}_MIN_LENGTH {{ e.min }}u
+#define GEU_{{ e.name }}_MAX_LENGTH {{ e.max }}u
+{%- endfor %}
+
+#define GEU_SERIAL_SYNC_0 0x{{ sync.0 | hex }}u
+#define GEU_SERIAL_SYNC_1 0x{{ sync.1 | hex }}u
+{%- for m in messages %}
+{%- if not m.is_can %}
+#define GEU_SERIAL_{{ m.name }} 0x{{ m.id | hex }}u
+{%- endif %}
+{%- endfor %}
+{%- for e in exchanged %}
+#define GEU_SERIAL_{{ e.name }} 0x{{ e.serial | hex }}u
+{%- endfor %}
+#define GEU_SERIAL_MAX_PAYLOAD {{ max_payload }}u
+#define GEU_SERIAL_MAX_FRAME {{ max_frame }}u
+#define GEU_SERIAL_DEFAULT_BAUD {{ baud }}u
+
+/* Masks of the gyros in commands. */
+{%- for g in gyros %}
+#define GEU_{{ g.name }} 0x{{ g.mask | hex }}u
+{%- endfor %}
+{%- for f in flags %}
+
+/* Bits of {{ f.name }}. */
+{%- for b in f.bits %}
+#define GEU_{{ b.name | constant }} 0x{{ b.mask | hex }}u /* {{ b.meaning }} */
+{%- endfor %}
+{%- endfor %}
+
+typedef enum {
+{%- for c in commands %}
+    GEU_OPCODE_{{ c.name }} = 0x{{ c.opcode | hex }}, /* {{ c.meaning }} */
+{%- endfor %}
+    GEU_OPCODE_MAX = 0xFF
+} geu_opcode;
+
+typedef enum {
+{%- for r in results %}
+    GEU_RESULT_{{ r.text | constant }} = {{ r.code }},
+{%- endfor %}
+    GEU_RESULT_MAX = 0xFF
+} geu_result;
 
 /* ---- numbers and CRC ---- */
 
@@ -70,9 +126,36 @@ static inline uint16_t geu_crc(uint16_t crc, const uint8_t *bytes, size_t length
 
 /* ---- the sample ---- */
 
-//@ sample
+/* One sample of the unit. */
+typedef struct {
+{%- for f in fields %}
+{%- if not f.is_crc %}
+    {{ f.native }}_t {{ f.in_c }}; /* {{ f.meaning }}{% if f.unit %}, {{ f.unit }}{% endif %} */
+{%- endif %}
+{%- endfor %}
+} geu_sample;
 
-//@ messages
+{%- for m in messages %}
+
+/* The {{ m.length }} bytes of {% if m.is_can %}data{% else %}payload{% endif %} of {{ m.name }}{% if m.has_crc %}, its CRC left out{% endif %}: {{ m.meaning }}. */
+static inline void geu_pack_{{ m.name | lower }}(const geu_sample *sample, uint8_t *data)
+{
+{%- for f in m.fields %}
+{%- if not f.is_crc %}
+    geu_put_{{ f.wire }}(data{% if f.at %} + {{ f.at }}{% endif %}, sample->{{ f.in_c }});
+{%- endif %}
+{%- endfor %}
+}
+
+static inline void geu_unpack_{{ m.name | lower }}(geu_sample *sample, const uint8_t *data)
+{
+{%- for f in m.fields %}
+{%- if not f.is_crc %}
+    sample->{{ f.in_c }} = geu_get_{{ f.wire }}(data{% if f.at %} + {{ f.at }}{% endif %});
+{%- endif %}
+{%- endfor %}
+}
+{%- endfor %}
 
 /* The CRC in STATUS: over the 8 bytes of INCREMENTS then the first 6 of STATUS. */
 static inline uint16_t geu_status_crc(const uint8_t *increments, const uint8_t *status)
@@ -103,7 +186,38 @@ static inline int geu_unpack_increments_and_status(geu_sample *sample, const uin
 
 /* ---- commands ---- */
 
-//@ packers
+{%- for c in commands %}
+
+/* {{ c.name }}: {{ c.meaning }}.
+{%- for a in c.arguments %}
+ * {{ a.name }}: {{ a.meaning }}, {{ a.low }} to {{ a.high }}.
+{%- endfor %} */
+static inline size_t geu_pack_{{ c.name | lower }}(uint8_t *data{% for a in c.arguments %}, {{ a.native }}_t {{ a.name }}{% endfor %})
+{
+    geu_put_u8(data, GEU_OPCODE_{{ c.name }});
+{%- for a in c.arguments %}
+    geu_put_{{ a.wire }}(data + {{ a.at }}, {{ a.name }});
+{%- endfor %}
+    return {{ c.length }};
+}
+
+/* The arguments in the data of such a COMMAND; the result a unit replies with. */
+static inline geu_result geu_unpack_{{ c.name | lower }}(const uint8_t *data, size_t length{% for a in c.arguments %}, {{ a.native }}_t *{{ a.name }}{% endfor %})
+{
+    if (length < 1 || data[0] != GEU_OPCODE_{{ c.name }})
+        return GEU_RESULT_UNKNOWN_OPCODE;
+    if (length != {{ c.length }})
+        return GEU_RESULT_BAD_ARGUMENT;
+{%- for a in c.arguments %}
+    *{{ a.name }} = geu_get_{{ a.wire }}(data + {{ a.at }});
+{%- endfor %}
+{%- if c.tests %}
+    if ({{ c.tests }})
+        return GEU_RESULT_BAD_ARGUMENT;
+{%- endif %}
+    return GEU_RESULT_DONE;
+}
+{%- endfor %}
 
 /* A REPLY: command, result, values. */
 typedef struct {
@@ -136,7 +250,21 @@ static inline size_t geu_pack_reply(const geu_reply *reply, uint8_t *data)
     return 2 + values;
 }
 
-//@ reply_values
+{%- for c in commands %}
+{%- if c.values %}
+
+/* The values of a REPLY to {{ c.name }}. 1: read. 0: another command, not done, or another length. */
+static inline int geu_unpack_{{ c.name | lower }}_values(const geu_reply *reply{% for v in c.values %}, {{ v.native }}_t *{{ v.name }}{% endfor %})
+{
+    if (reply->opcode != GEU_OPCODE_{{ c.name }} || reply->result != GEU_RESULT_DONE || reply->value_length != {{ c.value_length }})
+        return 0;
+{%- for v in c.values %}
+    *{{ v.name }} = geu_get_{{ v.wire }}(reply->values + {{ v.at }});
+{%- endfor %}
+    return 1;
+}
+{%- endif %}
+{%- endfor %}
 
 /* ---- serial frames ---- */
 
@@ -144,7 +272,16 @@ static inline size_t geu_pack_reply(const geu_reply *reply, uint8_t *data)
 static inline int geu_serial_length_fits(uint8_t type, uint8_t length)
 {
     switch (type) {
-//@ serial_lengths
+{%- for m in messages %}
+{%- if not m.is_can %}
+    case GEU_SERIAL_{{ m.name }}:
+        return length == GEU_{{ m.name }}_LENGTH;
+{%- endif %}
+{%- endfor %}
+{%- for e in exchanged %}
+    case GEU_SERIAL_{{ e.name }}:
+        return length >= GEU_{{ e.name }}_MIN_LENGTH && length <= GEU_{{ e.name }}_MAX_LENGTH;
+{%- endfor %}
     default:
         return 0;
     }

@@ -7,7 +7,82 @@
 local geu = Proto("geu", "Gyro electronics unit")
 local geu_can = Proto("geu_can", "Gyro electronics unit on CAN")
 
---@ tables
+local sync = { 0x{{ sync.0 | hex }}, 0x{{ sync.1 | hex }} }
+local can_base_default = "{{ base }}"
+
+local can_names = {
+{%- for m in messages %}
+{%- if m.is_can %} [{{ m.id }}] = "{{ m.name }}",{% endif %}
+{%- endfor %}
+{%- for e in exchanged %} [{{ e.can }}] = "{{ e.name }}",{% endfor %} }
+local type_names = {
+{%- for m in messages %}
+{%- if not m.is_can %} [{{ m.id }}] = "{{ m.name }}",{% endif %}
+{%- endfor %}
+{%- for e in exchanged %} [{{ e.serial }}] = "{{ e.name }}",{% endfor %} }
+local opcode_names = {
+{%- for c in commands %} [{{ c.opcode }}] = "{{ c.name }}",{% endfor %} }
+local result_names = {
+{%- for r in results %} [{{ r.code }}] = "{{ r.text }}",{% endfor %} }
+-- Shortest and longest payload of each type of serial frame.
+local lengths = {
+{%- for m in messages %}
+{%- if not m.is_can %} [{{ m.id }}] = { {{ m.length }}, {{ m.length }} },{% endif %}
+{%- endfor %}
+{%- for e in exchanged %} [{{ e.serial }}] = { {{ e.min }}, {{ e.max }} },{% endfor %} }
+
+local fields = {
+{%- for f in fields %}
+{%- if f.is_scaled %}
+    {{ f.name }} = ProtoField.double("geu.{{ f.name }}", "{{ f.name }}", "{{ f.meaning }}"),
+{%- else %}
+    {{ f.name }} = ProtoField.{{ f.native }}("geu.{{ f.name }}", "{{ f.name }}", base.{% if f.bits %}HEX{% else if f.is_crc %}HEX{% else %}DEC{% endif %}, nil, nil, "{{ f.meaning }}"),
+{%- for b in f.bits %}
+    {{ b.name }} = ProtoField.bool("geu.{{ b.name }}", "{{ b.name }}", 8, nil, 0x{{ b.mask | hex }}, "{{ b.meaning }}"),
+{%- endfor %}
+{%- endif %}
+{%- endfor %}
+{%- for c in commands %}
+{%- for part in [c.arguments, c.values] %}
+{%- for a in part %}
+    {{ a.full_name }} = ProtoField.{{ a.native }}("geu.{{ a.full_name }}", "{{ a.full_name }}", base.DEC, {% if a.choices %}{ {% for o in a.choices %}[{{ o.value }}] = "{{ o.name }}"{% if not loop.last %}, {% endif %}{% endfor %} }{% else %}nil{% endif %}, nil, "{{ a.meaning }}"),
+{%- endfor %}
+{%- endfor %}
+{%- endfor %}
+}
+
+-- The fields of each message, in the order of the wire.
+local messages = {
+{%- for m in messages %}
+    {{ m.name }} = {
+{%- for f in m.fields %}
+{%- if not f.is_crc %}
+        { name = "{{ f.name }}", size = {{ f.size }}{% if f.is_scaled %}, scale = {{ f.scale }}{% endif %}
+{%- if f.bits %}, bits = { {% for b in f.bits %}"{{ b.name }}"{% if not loop.last %}, {% endif %}{% endfor %} }{% endif %} },
+{%- endif %}
+{%- endfor %}
+    },
+{%- endfor %}
+}
+
+-- The arguments of each opcode, in the order of the wire.
+local arguments = {
+{%- for c in commands %}
+{%- if c.arguments %}
+    [{{ c.opcode }}] = {
+{%- for a in c.arguments %} { name = "{{ a.full_name }}", size = {{ a.size }} },{% endfor %} },
+{%- endif %}
+{%- endfor %}
+}
+-- The values of each opcode, in the order of the wire.
+local values = {
+{%- for c in commands %}
+{%- if c.values %}
+    [{{ c.opcode }}] = {
+{%- for a in c.values %} { name = "{{ a.full_name }}", size = {{ a.size }} },{% endfor %} },
+{%- endif %}
+{%- endfor %}
+}
 
 fields.crc_good = ProtoField.bool("geu.crc_good", "CRC good")
 fields.type = ProtoField.uint8("geu.type", "type", base.HEX, type_names)
