@@ -2,27 +2,21 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
+use super::{EffectInputs, EffectState, GyroEffect, GyroSubStep};
 use crate::noise::NoiseStream;
-use crate::parameter_spec::numbers;
 
-numbers! {
+effect! {
     /// Random walk of the angle.
-    pub struct AngleRandomWalk {
+    pub struct AngleRandomWalk ("angle-random-walk", "angle random walk") {
         /// Growth of the angle's deviation with the root of time.
         arcsec_per_sqrt_s: 0.0, 0.0..=100.0, "arcsec/√s";
     }
-}
-
-impl Effect for AngleRandomWalk {
-    const SPEC: EffectSpec = EffectSpec {
-        code: "angle-random-walk",
-        title: "angle random walk",
-        amplitudes: &[Amplitude { per_day: 100.0, per_k: 100.0 }],
-        paper: "0.01",
-        source: "implied by Casteren table 1",
-    };
-    const IS_NOISE: bool = true;
+    amplitudes: [{ per_day: 100.0, per_k: 100.0 }],
+    paper: "0.01",
+    source: "implied by Casteren table 1",
+    {
+        const IS_NOISE: bool = true;
+    }
 }
 
 /// The stream, and what it gave for the sample now running.
@@ -32,12 +26,14 @@ pub struct State {
     rate_arcsec_s: f64,
 }
 
+impl EffectState for State {
+    fn start(seed: u64, gyro: Gyro, code: &str) -> State {
+        State { stream: NoiseStream::new(seed, gyro, code), rate_arcsec_s: 0.0 }
+    }
+}
+
 impl GyroEffect for AngleRandomWalk {
     type State = State;
-
-    fn start(seed: u64, gyro: Gyro) -> State {
-        State { stream: NoiseStream::new(seed, gyro, Self::SPEC.code), rate_arcsec_s: 0.0 }
-    }
 
     #[inline]
     fn begin(&self, state: &mut State, length_s: f64) {

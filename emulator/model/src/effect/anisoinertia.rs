@@ -1,33 +1,21 @@
 //! Rates about input and spin axes together turn a float of unequal inertias, standard for the type.
 
-use geu_protocol::Gyro;
-
-use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
-use crate::parameter_spec::numbers;
+use super::{EffectInputs, GyroEffect, GyroSubStep};
 use crate::units::ARCSEC_PER_RAD;
 
-numbers! {
+effect! {
     /// Sensed rate in proportion to the product of input and spin rates.
-    pub struct Anisoinertia {
+    pub struct Anisoinertia ("anisoinertia", "anisoinertia") {
         /// Sensed rate + seconds · ω_in (arcsec/s) · ω_spin (rad/s).
         seconds: 0.0, -1.0..=1.0, "s";
     }
-}
-
-impl Effect for Anisoinertia {
-    const SPEC: EffectSpec = EffectSpec {
-        code: "anisoinertia",
-        title: "anisoinertia",
-        amplitudes: &[Amplitude { per_day: 1.0, per_k: 1.0 }],
-        paper: "0",
-        source: "standard for the type",
-    };
+    amplitudes: [{ per_day: 1.0, per_k: 1.0 }],
+    paper: "0",
+    source: "standard for the type",
 }
 
 impl GyroEffect for Anisoinertia {
     type State = ();
-
-    fn start(_seed: u64, _gyro: Gyro) {}
 
     #[inline]
     fn apply(&self, _state: &mut (), head: &mut GyroSubStep, surroundings: &EffectInputs) {

@@ -2,25 +2,18 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectSpec, WiringEffect};
-use crate::parameter_spec::{named_gyro, numbers};
+use super::WiringEffect;
+use crate::parameter_spec::named_gyro;
 
-numbers! {
+effect! {
     /// The counts of two gyros stand in each other's place.
-    pub struct AxisSwap {
+    pub struct AxisSwap ("axis-swap", "axis swap") {
         /// The other gyro. Named at one of the two: at both, they are exchanged twice.
         with: 0.0, 0.0..=4.0, "", Gyro;
     }
-}
-
-impl Effect for AxisSwap {
-    const SPEC: EffectSpec = EffectSpec {
-        code: "axis-swap",
-        title: "axis swap",
-        amplitudes: &[Amplitude { per_day: 4.0, per_k: 4.0 }],
-        paper: "off",
-        source: "bench",
-    };
+    amplitudes: [{ per_day: 4.0, per_k: 4.0 }],
+    paper: "off",
+    source: "bench",
 }
 
 impl WiringEffect for AxisSwap {

@@ -4,26 +4,18 @@
 //! arcsec per on-board sample interval, by 2 ppm in all; a sample takes 0.5/(1 + ppm·10⁻⁶) s of true time. The factors
 //! are applied in the closing line, [`super::Head::counts`].
 
-use super::{Amplitude, Effect, EffectSpec, SampleTiming, UnitEffect};
-use crate::parameter_spec::numbers;
+use super::{SampleTiming, UnitEffect};
 use crate::units::PPM;
 
-numbers! {
+effect! {
     /// Clock frequency.
-    pub struct ClockFrequency {
+    pub struct ClockFrequency ("clock-frequency", "clock frequency") {
         /// The clock is fast by this.
         ppm: 0.0, -1000.0..=1000.0, "ppm";
     }
-}
-
-impl Effect for ClockFrequency {
-    const SPEC: EffectSpec = EffectSpec {
-        code: "clock-frequency",
-        title: "clock frequency",
-        amplitudes: &[Amplitude { per_day: 1000.0, per_k: 1000.0 }],
-        paper: "scale factor -1 ppm and drift -2 ppm per ppm",
-        source: "Casteren §3.2",
-    };
+    amplitudes: [{ per_day: 1000.0, per_k: 1000.0 }],
+    paper: "scale factor -1 ppm and drift -2 ppm per ppm",
+    source: "Casteren §3.2",
 }
 
 impl UnitEffect for ClockFrequency {

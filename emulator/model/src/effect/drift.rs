@@ -1,32 +1,20 @@
 //! Bias drift: a torque on the float without rotation (Casteren §3.1, table 1).
 
-use geu_protocol::Gyro;
+use super::{EffectInputs, GyroEffect, GyroSubStep};
 
-use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
-use crate::parameter_spec::numbers;
-
-numbers! {
+effect! {
     /// A departure of D from the calibration.
-    pub struct Drift {
+    pub struct Drift ("drift", "bias drift") {
         /// Added to D, so counts fall.
         arcsec_per_h: 0.0, -36000.0..=36000.0, "arcsec/h";
     }
-}
-
-impl Effect for Drift {
-    const SPEC: EffectSpec = EffectSpec {
-        code: "drift",
-        title: "bias drift",
-        amplitudes: &[Amplitude { per_day: 36_000.0, per_k: 3600.0 }],
-        paper: "at most 1.5 deg/h; changes less than 6 arcsec/h in 2 weeks, a ramp of 0.4 arcsec/h per day",
-        source: "Casteren §3.1, table 1",
-    };
+    amplitudes: [{ per_day: 36_000.0, per_k: 3600.0 }],
+    paper: "at most 1.5 deg/h; changes less than 6 arcsec/h in 2 weeks, a ramp of 0.4 arcsec/h per day",
+    source: "Casteren §3.1, table 1",
 }
 
 impl GyroEffect for Drift {
     type State = ();
-
-    fn start(_seed: u64, _gyro: Gyro) {}
 
     #[inline]
     fn apply(&self, _state: &mut (), head: &mut GyroSubStep, surroundings: &EffectInputs) {

@@ -15,29 +15,23 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
+use super::{EffectInputs, EffectState, GyroEffect, GyroSubStep};
 use crate::noise::NoiseStream;
-use crate::parameter_spec::numbers;
 
-numbers! {
+effect! {
     /// Random walk of the drift rate.
-    pub struct DriftRandomWalk {
+    pub struct DriftRandomWalk ("drift-random-walk", "drift random walk") {
         /// Growth of the drift rate's deviation with the root of time.
         arcsec_per_s_per_sqrt_s: 0.0, 0.0..=1.0, "arcsec/s/√s";
         /// Correlation time; inf is a pure walk, which is right for hours; 10 000 s keeps sigma at 2″/h.
         correlation_time_s: (f64::INFINITY), 1.0..=f64::INFINITY, "s", TimeConstant;
     }
-}
-
-impl Effect for DriftRandomWalk {
-    const SPEC: EffectSpec = EffectSpec {
-        code: "drift-random-walk",
-        title: "drift random walk",
-        amplitudes: &[Amplitude { per_day: 1.0, per_k: 1.0 }],
-        paper: "3.6 arcsec/h (3 sigma) over 30 min: 8e-6",
-        source: "Casteren §3.1, table 1",
-    };
-    const IS_NOISE: bool = true;
+    amplitudes: [{ per_day: 1.0, per_k: 1.0 }],
+    paper: "3.6 arcsec/h (3 sigma) over 30 min: 8e-6",
+    source: "Casteren §3.1, table 1",
+    {
+        const IS_NOISE: bool = true;
+    }
 }
 
 /// Accumulated walk.
@@ -49,12 +43,14 @@ pub struct State {
     mean_arcsec_s: f64,
 }
 
+impl EffectState for State {
+    fn start(seed: u64, gyro: Gyro, code: &str) -> State {
+        State { stream: NoiseStream::new(seed, gyro, code), rate_arcsec_s: 0.0, mean_arcsec_s: 0.0 }
+    }
+}
+
 impl GyroEffect for DriftRandomWalk {
     type State = State;
-
-    fn start(seed: u64, gyro: Gyro) -> State {
-        State { stream: NoiseStream::new(seed, gyro, Self::SPEC.code), rate_arcsec_s: 0.0, mean_arcsec_s: 0.0 }
-    }
 
     #[inline]
     fn begin(&self, state: &mut State, length_s: f64) {
@@ -83,6 +79,7 @@ impl GyroEffect for DriftRandomWalk {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::effect::Effect;
 
     #[test]
     fn rate_and_angle_of_a_sample_have_the_variances_of_the_process() {
@@ -91,7 +88,7 @@ mod tests {
             let law = DriftRandomWalk { arcsec_per_s_per_sqrt_s: 1.0, correlation_time_s: tau_s };
             let [mut rate, mut both, mut angle] = [0.0; 3];
             for seed in 0..count {
-                let mut state = DriftRandomWalk::start(seed, Gyro::X);
+                let mut state = State::start(seed, Gyro::X, DriftRandomWalk::SPEC.code);
                 law.begin(&mut state, t_s);
                 let (end, gained) = (state.rate_arcsec_s, state.mean_arcsec_s * t_s);
                 rate += end * end / count as f64;

@@ -1,33 +1,21 @@
 //! Drift that follows the sensor temperature, which the heater holds at 70 °C (Casteren §2, §3.1).
 
-use geu_protocol::Gyro;
-
-use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
-use crate::parameter_spec::numbers;
+use super::{EffectInputs, GyroEffect, GyroSubStep};
 use crate::temperature::SENSOR_NOMINAL_C;
 
-numbers! {
+effect! {
     /// Drift in proportion to the sensor's departure from 70 °C.
-    pub struct DriftSensorTemperature {
+    pub struct DriftSensorTemperature ("drift-sensor-temperature", "drift with sensor temperature") {
         /// Added to D for each K above 70 °C.
         arcsec_per_h_per_k: 0.0, -3600.0..=3600.0, "arcsec/h/K";
     }
-}
-
-impl Effect for DriftSensorTemperature {
-    const SPEC: EffectSpec = EffectSpec {
-        code: "drift-sensor-temperature",
-        title: "drift with sensor temperature",
-        amplitudes: &[Amplitude { per_day: 3600.0, per_k: 3600.0 }],
-        paper: "0",
-        source: "Casteren §2, §3.1",
-    };
+    amplitudes: [{ per_day: 3600.0, per_k: 3600.0 }],
+    paper: "0",
+    source: "Casteren §2, §3.1",
 }
 
 impl GyroEffect for DriftSensorTemperature {
     type State = ();
-
-    fn start(_seed: u64, _gyro: Gyro) {}
 
     #[inline]
     fn apply(&self, _state: &mut (), head: &mut GyroSubStep, surroundings: &EffectInputs) {

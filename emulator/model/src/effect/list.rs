@@ -81,6 +81,29 @@ impl<E: Effects> EffectConfiguration<E> {
     }
 }
 
+/// Declares an effect: its numbers, and its specification. The last block is other items of [`super::Effect`].
+macro_rules! effect {
+    ($(#[doc = $doc:literal])* pub struct $type:ident ($code:literal, $title:literal) { $($numbers:tt)* }
+     amplitudes: [$({ $($amplitude:tt)* }),*],
+     paper: $paper:literal,
+     source: $source:literal,
+     $({ $($item:tt)* })?
+    ) => {
+        $crate::parameter_spec::numbers! { $(#[doc = $doc])* pub struct $type { $($numbers)* } }
+
+        impl $crate::effect::Effect for $type {
+            const SPEC: $crate::effect::EffectSpec = $crate::effect::EffectSpec {
+                code: $code,
+                title: $title,
+                amplitudes: &[$($crate::effect::Amplitude { $($amplitude)* }),*],
+                paper: $paper,
+                source: $source,
+            };
+            $($($item)*)?
+        }
+    };
+}
+
 macro_rules! effect_list {
     ($(#[$doc:meta])* $list:ident { $($field:ident: $type:ident),* $(,)? }) => {
         $(mod $field; pub use $field::$type;)*
@@ -174,7 +197,7 @@ macro_rules! head_effects {
         impl HeadStates {
             /// The states at the start of a run.
             pub fn start(seed: u64, gyro: Gyro) -> HeadStates {
-                HeadStates { $($field: <$type as GyroEffect>::start(seed, gyro)),* }
+                HeadStates { $($field: EffectState::start(seed, gyro, <$type as Effect>::SPEC.code)),* }
             }
         }
 

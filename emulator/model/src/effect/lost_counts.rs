@@ -1,37 +1,23 @@
 //! Counts are lost or gained between sensor and link.
 
-use geu_protocol::Gyro;
+use super::{EffectInputs, GyroEffect, GyroSubStep};
 
-use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
-use crate::parameter_spec::numbers;
-
-numbers! {
+effect! {
     /// An offset of the accumulated count.
-    pub struct LostCounts {
+    pub struct LostCounts ("lost-counts", "lost counts") {
         /// Added to the accumulated count.
         counts: 0.0, -1e6..=1e6, "counts", Count;
         /// When, since the start of the first sample interval.
         time_s: 0.0, 0.0..=1e10, "s", Onset;
     }
-}
-
-impl Effect for LostCounts {
-    const SPEC: EffectSpec = EffectSpec {
-        code: "lost-counts",
-        title: "lost counts",
-        amplitudes: &[Amplitude { per_day: 1e6, per_k: 1e6 }],
-        paper: "0",
-        source: "link",
-    };
+    amplitudes: [{ per_day: 1e6, per_k: 1e6 }],
+    paper: "0",
+    source: "link",
 }
 
 impl GyroEffect for LostCounts {
     /// Counts already added.
     type State = f64;
-
-    fn start(_seed: u64, _gyro: Gyro) -> f64 {
-        0.0
-    }
 
     #[inline]
     fn apply(&self, state: &mut f64, head: &mut GyroSubStep, surroundings: &EffectInputs) {

@@ -1,15 +1,12 @@
 //! The input axis points beside its control axis (Casteren §3.4, eq 2).
 
-use geu_protocol::Gyro;
-
-use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
-use crate::parameter_spec::numbers;
+use super::{EffectInputs, GyroEffect, GyroSubStep};
 use crate::units::ARCSEC_PER_RAD;
 
-numbers! {
+effect! {
     /// A departure of the input axis from the calibration: added to the off-axis terms of the gyro's row of M. The
     /// term along the gyro's own axis stays unity, so its number must stay 0.
-    pub struct Misalignment {
+    pub struct Misalignment ("misalignment", "misalignment") {
         /// Projection of the input axis on X.
         x_arcsec: 0.0, -3600.0..=3600.0, "arcsec";
         /// Projection of the input axis on Y.
@@ -17,24 +14,13 @@ numbers! {
         /// Projection of the input axis on Z.
         z_arcsec: 0.0, -3600.0..=3600.0, "arcsec";
     }
-}
-
-const AMPLITUDE: Amplitude = Amplitude { per_day: 3600.0, per_k: 3600.0 };
-
-impl Effect for Misalignment {
-    const SPEC: EffectSpec = EffectSpec {
-        code: "misalignment",
-        title: "misalignment",
-        amplitudes: &[AMPLITUDE; 3],
-        paper: "an arcminute after launch",
-        source: "Casteren §3.4",
-    };
+    amplitudes: [{ per_day: 3600.0, per_k: 3600.0 }, { per_day: 3600.0, per_k: 3600.0 }, { per_day: 3600.0, per_k: 3600.0 }],
+    paper: "an arcminute after launch",
+    source: "Casteren §3.4",
 }
 
 impl GyroEffect for Misalignment {
     type State = ();
-
-    fn start(_seed: u64, _gyro: Gyro) {}
 
     #[inline]
     fn apply(&self, _state: &mut (), head: &mut GyroSubStep, surroundings: &EffectInputs) {

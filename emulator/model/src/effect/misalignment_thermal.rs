@@ -6,29 +6,21 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectSpec, GyroSubStep, UnitEffect};
+use super::{GyroSubStep, UnitEffect};
 use crate::attitude::MotionStep;
-use crate::parameter_spec::numbers;
 use crate::units::{ARCSEC_PER_RAD, RAD_PER_DEG};
 
-numbers! {
+effect! {
     /// Turn of the package about Y with θ.
-    pub struct MisalignmentThermal {
+    pub struct MisalignmentThermal ("misalignment-thermal", "thermal misalignment") {
         /// Settled turn for each degree of θ above 90°.
         arcsec_per_deg: 0.0, -60.0..=60.0, "arcsec/°";
         /// Time constant of the lag.
         time_constant_s: 300.0, 1.0..=1e5, "s", TimeConstant;
     }
-}
-
-impl Effect for MisalignmentThermal {
-    const SPEC: EffectSpec = EffectSpec {
-        code: "misalignment-thermal",
-        title: "thermal misalignment",
-        amplitudes: &[Amplitude { per_day: 60.0, per_k: 60.0 }],
-        paper: "tens of arcsec over a Y-scan, lag of its duration",
-        source: "Casteren §3.4, §5.3",
-    };
+    amplitudes: [{ per_day: 60.0, per_k: 60.0 }],
+    paper: "tens of arcsec over a Y-scan, lag of its duration",
+    source: "Casteren §3.4, §5.3",
 }
 
 /// The turn; nothing before the first sub-step.

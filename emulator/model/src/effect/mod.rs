@@ -141,12 +141,22 @@ pub trait UnitEffect: Effect {
     fn apply(&self, _state: &mut Self::State, _heads: &mut [GyroSubStep; 4], _step: &MotionStep) {}
 }
 
+/// State of an effect on one gyro. One without random numbers starts at its default.
+pub trait EffectState: Clone + std::fmt::Debug {
+    /// The state at the start of a run; `code` is the effect's.
+    fn start(seed: u64, gyro: Gyro, code: &str) -> Self;
+}
+
+impl<T: Clone + std::fmt::Debug + Default> EffectState for T {
+    fn start(_seed: u64, _gyro: Gyro, _code: &str) -> T {
+        T::default()
+    }
+}
+
 /// An effect on one gyro.
 pub trait GyroEffect: Effect {
     /// State between sub-steps.
-    type State: Clone + std::fmt::Debug;
-    /// The state at the start of a run.
-    fn start(seed: u64, gyro: Gyro) -> Self::State;
+    type State: EffectState;
     /// Called once per sample interval, before the first sub-step; `length_s` is its true length.
     #[inline]
     fn begin(&self, _state: &mut Self::State, _length_s: f64) {}

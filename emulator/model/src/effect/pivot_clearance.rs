@@ -3,10 +3,7 @@
 //! Between its stops, ±clearance/2 about the input axis, the float follows 1 % of the rate about the output axis, in its
 //! sign; below 1.5″/s it creeps towards its preferred position at 0.015″/s and rests there. Its motion is sensed.
 
-use geu_protocol::Gyro;
-
-use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
-use crate::parameter_spec::numbers;
+use super::{EffectInputs, GyroEffect, GyroSubStep};
 
 /// Rate about the output axis below which the float creeps.
 const THRESHOLD_ARCSEC_S: f64 = 1.5;
@@ -15,30 +12,24 @@ const TRANSIT_SHARE: f64 = 0.01;
 /// Speed of the creep.
 const CREEP_ARCSEC_S: f64 = 0.015;
 
-numbers! {
+effect! {
     /// Freedom of the float in its pivots.
-    pub struct PivotClearance {
+    pub struct PivotClearance ("pivot-clearance", "pivot clearance") {
         /// From stop to stop.
         clearance_arcsec: 0.0, 0.0..=100.0, "arcsec";
         /// Where the float rests; within half the clearance.
         preferred_arcsec: 0.0, -50.0..=50.0, "arcsec", PreferredValue;
     }
-}
-
-impl Effect for PivotClearance {
-    const SPEC: EffectSpec = EffectSpec {
-        code: "pivot-clearance",
-        title: "pivot clearance",
-        amplitudes: &[Amplitude { per_day: 100.0, per_k: 100.0 }],
-        paper: "less than 14; a full transit at the creep takes 15.6 min",
-        source: "Casteren §3.3, figure 6",
-    };
-
-    /// Without clearance the preferred position means nothing.
-    fn consistency_error(&self) -> Option<(&'static str, String)> {
-        let stop = 0.5 * self.clearance_arcsec;
-        (stop > 0.0 && self.preferred_arcsec.abs() > stop)
-            .then(|| ("preferred_arcsec", format!("a number within half the clearance, ±{stop},")))
+    amplitudes: [{ per_day: 100.0, per_k: 100.0 }],
+    paper: "less than 14; a full transit at the creep takes 15.6 min",
+    source: "Casteren §3.3, figure 6",
+    {
+        /// Without clearance the preferred position means nothing.
+        fn consistency_error(&self) -> Option<(&'static str, String)> {
+            let stop = 0.5 * self.clearance_arcsec;
+            (stop > 0.0 && self.preferred_arcsec.abs() > stop)
+                .then(|| ("preferred_arcsec", format!("a number within half the clearance, ±{stop},")))
+        }
     }
 }
 
@@ -47,10 +38,6 @@ pub type State = Option<f64>;
 
 impl GyroEffect for PivotClearance {
     type State = State;
-
-    fn start(_seed: u64, _gyro: Gyro) -> State {
-        None
-    }
 
     #[inline]
     fn apply(&self, state: &mut State, head: &mut GyroSubStep, surroundings: &EffectInputs) {
@@ -76,6 +63,8 @@ impl GyroEffect for PivotClearance {
 
 #[cfg(test)]
 mod tests {
+    use geu_protocol::Gyro;
+
     use super::*;
     use crate::attitude::MotionStep;
     use crate::effect::Temperatures;

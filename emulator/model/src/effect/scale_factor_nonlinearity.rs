@@ -2,37 +2,25 @@
 //!
 //! Over ±720″/s the departure from the best (minimax) line is a quarter of the cubic's end value: 800 ppm bend by 0.02 %.
 
-use geu_protocol::Gyro;
-
-use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
-use crate::parameter_spec::numbers;
+use super::{EffectInputs, GyroEffect, GyroSubStep};
 use crate::units::PPM;
 
 /// Rate at which the cubic takes `cubic_ppm` of the rate: 12 arcmin/s.
 const FULL_ARCSEC_S: f64 = 720.0;
 
-numbers! {
+effect! {
     /// A cubic term of the sensed rate.
-    pub struct ScaleFactorNonlinearity {
+    pub struct ScaleFactorNonlinearity ("scale-factor-nonlinearity", "scale-factor nonlinearity") {
         /// Sensed rate lower by cubic_ppm·10⁻⁶ · 720 · (ω_in/720)³.
         cubic_ppm: 0.0, -5000.0..=5000.0, "ppm";
     }
-}
-
-impl Effect for ScaleFactorNonlinearity {
-    const SPEC: EffectSpec = EffectSpec {
-        code: "scale-factor-nonlinearity",
-        title: "scale-factor nonlinearity",
-        amplitudes: &[Amplitude { per_day: 5000.0, per_k: 5000.0 }],
-        paper: "800: 0.02 % from the best line",
-        source: "Casteren §3.2, §5, figure 7",
-    };
+    amplitudes: [{ per_day: 5000.0, per_k: 5000.0 }],
+    paper: "800: 0.02 % from the best line",
+    source: "Casteren §3.2, §5, figure 7",
 }
 
 impl GyroEffect for ScaleFactorNonlinearity {
     type State = ();
-
-    fn start(_seed: u64, _gyro: Gyro) {}
 
     #[inline]
     fn apply(&self, _state: &mut (), head: &mut GyroSubStep, surroundings: &EffectInputs) {

@@ -2,25 +2,17 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectSpec, WiringEffect};
-use crate::parameter_spec::numbers;
+use super::WiringEffect;
 
-numbers! {
+effect! {
     /// The count is negated.
-    pub struct SignInversion {
+    pub struct SignInversion ("sign-inversion", "sign inversion") {
         /// Whether it does.
         on: 0.0, 0.0..=1.0, "", Flag;
     }
-}
-
-impl Effect for SignInversion {
-    const SPEC: EffectSpec = EffectSpec {
-        code: "sign-inversion",
-        title: "sign inversion",
-        amplitudes: &[Amplitude { per_day: 1.0, per_k: 1.0 }],
-        paper: "off",
-        source: "bench",
-    };
+    amplitudes: [{ per_day: 1.0, per_k: 1.0 }],
+    paper: "off",
+    source: "bench",
 }
 
 impl WiringEffect for SignInversion {

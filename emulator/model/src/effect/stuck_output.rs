@@ -2,25 +2,17 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectSpec, WiringEffect};
-use crate::parameter_spec::numbers;
+use super::WiringEffect;
 
-numbers! {
+effect! {
     /// The last increment is repeated.
-    pub struct StuckOutput {
+    pub struct StuckOutput ("stuck-output", "stuck output") {
         /// Whether it does.
         on: 0.0, 0.0..=1.0, "", Flag;
     }
-}
-
-impl Effect for StuckOutput {
-    const SPEC: EffectSpec = EffectSpec {
-        code: "stuck-output",
-        title: "stuck output",
-        amplitudes: &[Amplitude { per_day: 1.0, per_k: 1.0 }],
-        paper: "off",
-        source: "bench",
-    };
+    amplitudes: [{ per_day: 1.0, per_k: 1.0 }],
+    paper: "off",
+    source: "bench",
 }
 
 impl WiringEffect for StuckOutput {

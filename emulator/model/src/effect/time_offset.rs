@@ -1,24 +1,16 @@
 //! Counts are of the motion at another time than their time stamp.
 
-use super::{Amplitude, Effect, EffectSpec, SampleTiming, UnitEffect};
-use crate::parameter_spec::numbers;
+use super::{SampleTiming, UnitEffect};
 
-numbers! {
+effect! {
     /// Offset of the unit's time.
-    pub struct TimeOffset {
+    pub struct TimeOffset ("time-offset", "time offset") {
         /// Counts at t tell the motion of t − seconds; negative only where truth is known ahead.
         seconds: 0.0, -0.5..=0.5, "s";
     }
-}
-
-impl Effect for TimeOffset {
-    const SPEC: EffectSpec = EffectSpec {
-        code: "time-offset",
-        title: "time offset",
-        amplitudes: &[Amplitude { per_day: 0.5, per_k: 0.5 }],
-        paper: "0",
-        source: "link",
-    };
+    amplitudes: [{ per_day: 0.5, per_k: 0.5 }],
+    paper: "0",
+    source: "link",
 }
 
 impl UnitEffect for TimeOffset {
