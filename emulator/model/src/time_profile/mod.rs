@@ -180,50 +180,26 @@ impl TimeCourse {
     }
 }
 
-/// A kind of time profile in its two uses; `None` where effects or faults do not offer it.
-struct Uses {
-    course: Option<TimeProfileSpec>,
-    fault: Option<TimeProfileSpec>,
-}
-
 macro_rules! time_profiles {
-    ($($kind:ident),* $(,)?) => {
+    ($($kind:ident: $($course:ident)? / $($fault:ident)?),* $(,)?) => {
         $(mod $kind;)*
-        static KINDS: &[Uses] = &[$($kind::USES),*];
+
+        /// Time courses of effects.
+        pub static COURSES: &[&TimeProfileSpec] = &[$($(&$kind::$course,)?)*];
+        /// Profiles of faults.
+        pub static FAULT_PROFILES: &[&TimeProfileSpec] = &[$($(&$kind::$fault,)?)*];
     };
 }
 
-// The list of time profiles, in the order of displays.
-time_profiles! { step, ramp, temperature, pulse, periodic, random }
-
-/// Collects one use of all kinds that have it.
-macro_rules! uses {
-    ($field:ident) => {{
-        const COUNT: usize = {
-            let (mut count, mut index) = (0, 0);
-            while index < KINDS.len() {
-                count += KINDS[index].$field.is_some() as usize;
-                index += 1;
-            }
-            count
-        };
-        let mut uses = [&TimeProfileSpec::CONSTANT; COUNT];
-        let (mut count, mut index) = (0, 0);
-        while index < KINDS.len() {
-            if let Some(spec) = &KINDS[index].$field {
-                uses[count] = spec;
-                count += 1;
-            }
-            index += 1;
-        }
-        &{ uses }
-    }};
+// The list of time profiles, in the order of displays: as a course of effects, as a profile of faults.
+time_profiles! {
+    step: COURSE / FAULT,
+    ramp: COURSE / FAULT,
+    temperature: COURSE /,
+    pulse: / FAULT,
+    periodic: COURSE / FAULT,
+    random: / FAULT,
 }
-
-/// Time courses of effects.
-pub static COURSES: &[&TimeProfileSpec] = uses!(course);
-/// Profiles of faults.
-pub static FAULT_PROFILES: &[&TimeProfileSpec] = uses!(fault);
 
 /// The time course with this suffix, or the fault profile of this name.
 pub fn from_name(name: &str) -> &'static TimeProfileSpec {

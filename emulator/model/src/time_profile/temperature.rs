@@ -1,17 +1,14 @@
 //! Proportional to the electronics temperature above its reference; effects only.
 
-use super::{TimeProfileSpec, Uses};
+use super::TimeProfileSpec;
 
-pub(super) const USES: Uses = Uses {
-    course: Some(TimeProfileSpec {
-        name: "-temperature",
-        meaning: "per K of electronics temperature above its reference",
-        value: |_, interval, _| interval.electronics_excess_k,
-        key: |name| format!("{name}_per_k"),
-        limits: |_, amplitude| (-amplitude.per_k, amplitude.per_k),
-        largest: |_| f64::INFINITY,
-        follows_temperature: true,
-        ..TimeProfileSpec::CONSTANT
-    }),
-    fault: None,
+pub(super) const COURSE: TimeProfileSpec = TimeProfileSpec {
+    name: "-temperature",
+    meaning: "per K of electronics temperature above its reference",
+    value: |_, interval, _| interval.electronics_excess_k,
+    key: |name| format!("{name}_per_k"),
+    limits: |_, amplitude| (-amplitude.per_k, amplitude.per_k),
+    largest: |_| f64::INFINITY,
+    follows_temperature: true,
+    ..TimeProfileSpec::CONSTANT
 };
