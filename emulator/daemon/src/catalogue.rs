@@ -34,7 +34,7 @@ fn number(spec: &ParameterSpec) -> Value {
         "required": spec.default == DefaultValue::Required,
         "default": if let DefaultValue::Value(default) = spec.default { value(default) } else { Value::Null },
         "unit": spec.unit,
-        "meaning": spec.meaning.trim(),
+        "meaning": spec.meaning,
     })
 }
 
@@ -61,7 +61,7 @@ pub fn catalogue() -> Value {
             "least": min,
             "greatest": max,
             "unit": spec.unit,
-            "meaning": spec.meaning.trim(),
+            "meaning": spec.meaning,
         })
     });
     let courses = FAULT_PROFILES.iter().map(|kind| {
@@ -98,7 +98,7 @@ pub fn catalogue() -> Value {
 mod tests {
     use std::collections::BTreeMap;
 
-    use geu_model::configuration::fault::FAULT_NUMBERS;
+    use geu_model::configuration::fault::FaultNumbers;
 
     use super::*;
 
@@ -126,7 +126,7 @@ mod tests {
 
     #[test]
     fn every_number_has_a_unit_or_is_listed_without() {
-        let named = CATALOGUE.iter().flat_map(|spec| spec.numbers).chain(FAULT_NUMBERS);
+        let named = CATALOGUE.iter().flat_map(|spec| spec.numbers).chain(FaultNumbers::NUMBERS);
         let of_courses = FAULT_PROFILES.iter().flat_map(|kind| kind.shapes);
         let units: BTreeMap<&str, &str> = ParameterRef::all()
             .iter()

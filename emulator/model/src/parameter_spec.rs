@@ -160,33 +160,35 @@ macro_rules! numbers {
     (@form Flag) => { $crate::parameter_spec::ValueFormat::Flag };
     (@form Gyro) => { $crate::parameter_spec::ValueFormat::Gyro };
     (@form Whole) => { $crate::parameter_spec::ValueFormat::Whole };
+    (@form Choice($names:expr)) => { $crate::parameter_spec::ValueFormat::Choice($names) };
     (@form $($role:ident)?) => { $crate::parameter_spec::ValueFormat::Real };
     (@role Flag) => { $crate::parameter_spec::Role::Amplitude };
     (@role Gyro) => { $crate::parameter_spec::Role::Amplitude };
     (@role Whole) => { $crate::parameter_spec::Role::Amplitude };
+    (@role Choice($names:expr)) => { $crate::parameter_spec::Role::Amplitude };
     (@role) => { $crate::parameter_spec::Role::Amplitude };
     (@role $role:ident) => { $crate::parameter_spec::Role::$role };
     (@default required) => { $crate::parameter_spec::DefaultValue::Required };
     (@default absent) => { $crate::parameter_spec::DefaultValue::Absent };
     (@default $value:expr) => { $crate::parameter_spec::DefaultValue::Value($value) };
-    ($(#[doc = $doc:literal])* pub struct $type:ident {
-        $($(#[doc = $meaning:literal])* $field:ident: $default:tt, $min:literal ..= $max:expr, $unit:literal $(, $form_or_role:ident)?;)*
+    ($(#[doc = $doc:literal])* $vis:vis struct $type:ident {
+        $($(#[doc = $meaning:literal])* $field:ident: $default:tt, $min:literal ..= $max:expr, $unit:literal $(, $form_or_role:ident $(($names:expr))?)?;)*
     }) => {
         $(#[doc = $doc])*
         #[derive(Debug, Clone, Copy, PartialEq)]
-        pub struct $type { $($(#[doc = $meaning])* pub $field: f64),* }
+        $vis struct $type { $($(#[doc = $meaning])* pub $field: f64),* }
 
         impl $type {
             /// Specifications in order.
             pub const NUMBERS: &[$crate::parameter_spec::ParameterSpec] = &[$($crate::parameter_spec::ParameterSpec {
                 name: stringify!($field),
                 unit: $unit,
-                form: $crate::parameter_spec::numbers!(@form $($form_or_role)?),
-                role: $crate::parameter_spec::numbers!(@role $($form_or_role)?),
+                form: $crate::parameter_spec::numbers!(@form $($form_or_role $(($names))?)?),
+                role: $crate::parameter_spec::numbers!(@role $($form_or_role $(($names))?)?),
                 default: $crate::parameter_spec::numbers!(@default $default),
                 min: $min,
                 max: $max,
-                meaning: concat!($($meaning),*),
+                meaning: concat!($($meaning),*).trim_ascii(),
             }),*];
         }
 

@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use clap::{Args, Subcommand};
-use geu_model::configuration::fault::{EXPECT_NUMBERS, FAULT_NUMBERS, FAULT_TEXTS};
+use geu_model::configuration::fault::{ExpectationNumbers, FAULT_TEXTS, FaultNumbers};
 use geu_model::fault::catalogue::{CATALOGUE, FaultSpec, Scope, Transport};
 use geu_model::fault::{ParameterRef, expression};
 use geu_model::parameter_spec::{DefaultValue, ParameterSpec};
@@ -61,7 +61,7 @@ fn number(spec: &ParameterSpec) -> String {
         DefaultValue::Required => "; required".to_owned(),
         DefaultValue::Absent => String::new(),
     };
-    format!("{}: {} ({}{default})", spec.name, spec.meaning.trim(), spec.limits())
+    format!("{}: {} ({}{default})", spec.name, spec.meaning, spec.limits())
 }
 
 fn text(link: Option<Transport>) -> String {
@@ -109,12 +109,12 @@ fn text(link: Option<Transport>) -> String {
     if link.is_none() {
         lines.push("\nWhen and how long, of every fault:".to_owned());
         lines.extend(FAULT_TEXTS.iter().map(|(key, meaning)| format!("  {key}: {meaning}")));
-        lines.extend(FAULT_NUMBERS.iter().map(|spec| format!("  {}", number(spec))));
+        lines.extend(FaultNumbers::NUMBERS.iter().map(|spec| format!("  {}", number(spec))));
         lines.push("  seed: of what it draws; the run's where not named".to_owned());
         lines.push("\nConditions join comparisons (< <= > >= == !=, + - * / %) by and, or, not:".to_owned());
         lines.extend(expression::vocabulary().iter().map(|(name, meaning)| format!("  {name:<20} {meaning}")));
         lines.push("\nExpectations, [[expect]]: id, after (a fault), condition, and".to_owned());
-        lines.extend(EXPECT_NUMBERS.iter().map(|spec| format!("  {}", number(spec))));
+        lines.extend(ExpectationNumbers::NUMBERS.iter().map(|spec| format!("  {}", number(spec))));
     }
     lines.join("\n") + "\n"
 }

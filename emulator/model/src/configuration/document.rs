@@ -173,19 +173,23 @@ impl<'a> Node<'a> {
         match (self.value(spec.name, spec.form, spec.min, spec.max)?, spec.default) {
             (Some(value), _) => Ok(value),
             (None, DefaultValue::Required) => {
-                let (path, meaning, limits) = (self.path_of(spec.name), spec.meaning.trim(), spec.limits());
+                let (path, meaning, limits) = (self.path_of(spec.name), spec.meaning, spec.limits());
                 Err(self.error(spec.name, format!("expected `{path}` ({meaning}; {limits}), got none")))
             }
             (None, default) => Ok(default.initial()),
         }
     }
 
-    /// A number that may be absent.
+    /// All numbers of a set.
     ///
     /// # Errors
     /// As [`Node::number`].
-    pub fn optional(&self, spec: &ParameterSpec) -> Read<Option<f64>> {
-        Ok(Some(self.number(spec)?).filter(|value| !value.is_nan()))
+    pub fn numbers<N: ParameterSet + Default>(&self) -> Read<N> {
+        let mut numbers = N::default();
+        for (index, spec) in numbers.specs().iter().enumerate() {
+            *numbers.value_mut(index) = self.number(spec)?;
+        }
+        Ok(numbers)
     }
 
     /// A number in this format within limits; `None` if the key is absent.

@@ -10,7 +10,7 @@ use crate::fault::catalogue::{CATALOGUE, FaultSpec, Scope, Transport};
 use crate::fault::expectation::{Expectation, TimeWindow};
 use crate::fault::expression::Expression;
 use crate::fault::{Fault, FaultKind, ParameterRef};
-use crate::parameter_spec::{ABSENT, DefaultValue, FLAG, ParameterSpec, REAL, WHOLE, number};
+use crate::parameter_spec::numbers;
 use crate::time_profile::{FAULT_PROFILES, TimeProfile};
 
 /// Maximum number of faults, of expectations of a plan, and of armed or active faults of a run.
@@ -25,48 +25,44 @@ pub(super) const FAULT: &str = "fault";
 /// Key of a list of expectations.
 pub(super) const EXPECT: &str = "expect";
 
-pub(super) const AT: ParameterSpec =
-    number("at_s", "s", REAL, DefaultValue::Value(0.0), 0.0, LATEST_S, "not before this on-board time");
-const PROBABILITY: ParameterSpec = number(
-    "probability",
-    "",
-    REAL,
-    DefaultValue::Value(1.0),
-    1e-9,
-    1.0,
-    "chance to start in a sample interval in which the rest would let it",
-);
-const BY_HAND: ParameterSpec =
-    number("by_hand", "", FLAG, DefaultValue::Value(0.0), 0.0, 1.0, "waits to be started by somebody at the bench");
-const FOR: ParameterSpec =
-    number("for_s", "s", REAL, ABSENT, 0.5, LATEST_S, "how long it acts; without end where not named");
-const UNTIL: ParameterSpec = number(
-    "until_s",
-    "s",
-    REAL,
-    ABSENT,
-    0.0,
-    LATEST_S,
-    "ends then at the latest, a parameter returns from then on; starts no more",
-);
-const RELEASE: ParameterSpec =
-    number("release_s", "s", REAL, DefaultValue::Value(0.0), 0.0, 1e6, "a parameter returns over so long at the end");
-const TIMES: ParameterSpec = number("times", "", WHOLE, DefaultValue::Value(1.0), 1.0, 1e9, "how often it may start");
-pub(super) const WITHIN: ParameterSpec =
-    number("within_s", "s", REAL, ABSENT, 0.5, LATEST_S, "must hold at least once within so long");
-pub(super) const THROUGHOUT: ParameterSpec =
-    number("throughout_s", "s", REAL, ABSENT, 0.5, LATEST_S, "must hold all the time for so long");
+numbers! {
+    /// The numbers that every fault has.
+    pub struct FaultNumbers {
+        /// not before this on-board time
+        at_s: 0.0, 0.0..=LATEST_S, "s";
+        /// chance to start in a sample interval in which the rest would let it
+        probability: 1.0, 1e-9..=1.0, "";
+        /// waits to be started by somebody at the bench
+        by_hand: 0.0, 0.0..=1.0, "", Flag;
+        /// how long it acts; without end where not named
+        for_s: absent, 0.5..=LATEST_S, "s";
+        /// ends then at the latest, a parameter returns from then on; starts no more
+        until_s: absent, 0.0..=LATEST_S, "s";
+        /// a parameter returns over so long at the end
+        release_s: 0.0, 0.0..=1e6, "s";
+        /// how often it may start
+        times: 1.0, 1.0..=1e9, "", Whole;
+    }
+}
 
-/// The numbers that every fault has.
-pub const FAULT_NUMBERS: [&ParameterSpec; 7] = [&AT, &PROBABILITY, &BY_HAND, &FOR, &UNTIL, &RELEASE, &TIMES];
+numbers! {
+    /// The numbers that an expectation has.
+    pub struct ExpectationNumbers {
+        /// not before this on-board time
+        at_s: 0.0, 0.0..=LATEST_S, "s";
+        /// must hold at least once within so long
+        within_s: absent, 0.5..=LATEST_S, "s";
+        /// must hold all the time for so long
+        throughout_s: absent, 0.5..=LATEST_S, "s";
+    }
+}
+
 /// The texts that every fault has, and what they mean.
 pub const FAULT_TEXTS: [(&str, &str); 3] = [
     ("id", "its own in the plan; made up where not named"),
     ("when", "a condition before which it does not start"),
     ("end_when", "a condition that ends it"),
 ];
-/// The numbers that an expectation has.
-pub const EXPECT_NUMBERS: [&ParameterSpec; 3] = [&AT, &WITHIN, &THROUGHOUT];
 
 impl Configuration {
     /// Adds the faults and expectations of a plan, a text with `[[fault]]` and `[[expect]]` and nothing else.
@@ -155,12 +151,8 @@ fn known_in(node: &Node, fault: &Fault, known: &FaultIds) -> Read<()> {
 fn read_fault(node: &Node, identifiers: &mut Identifiers, links: &[Transport]) -> Read<Fault> {
     let keys = node.keys();
     let has = |key: &str| keys.contains(&key);
-    let common: Vec<&str> = FAULT_TEXTS
-        .iter()
-        .map(|(key, _)| *key)
-        .chain(FAULT_NUMBERS.iter().map(|number| number.name))
-        .chain(["seed"])
-        .collect();
+    let numbers = FaultNumbers::NUMBERS.iter().map(|number| number.name);
+    let common: Vec<&str> = FAULT_TEXTS.iter().map(|(key, _)| *key).chain(numbers).chain(["seed"]).collect();
     if has("parameter") == has("fault") {
         let message = "expected either `parameter` (a number of an effect) or `fault` (one that has a name)".to_owned();
         return Err(node.error(if has("fault") { "fault" } else { "parameter" }, message));
@@ -195,16 +187,14 @@ fn read_fault(node: &Node, identifiers: &mut Identifiers, links: &[Transport]) -
         }
         node.text(key)?.parse().map(Some).map_err(|expected: String| node.unexpected(key, &expected))
     };
-    let (at_s, until_s) = (node.number(&AT)?, node.optional(&UNTIL)?.unwrap_or(f64::INFINITY));
+    let FaultNumbers { at_s, probability, by_hand, for_s, until_s, release_s, times } = node.numbers()?;
     if until_s <= at_s {
-        return Err(node.unexpected(UNTIL.name, &format!("a time after at_s, which is {at_s},")));
+        return Err(node.unexpected("until_s", &format!("a time after at_s, which is {at_s},")));
     }
-    let release_s = node.number(&RELEASE)?;
     let can_return = matches!(&action, FaultKind::Parameter { target, .. } if !target.is_switch());
     if release_s > 0.0 && !can_return {
-        return Err(
-            node.unexpected(RELEASE.name, "a fault of a parameter that is a quantity, which can return gradually,")
-        );
+        let expected = "a fault of a parameter that is a quantity, which can return gradually,";
+        return Err(node.unexpected("release_s", expected));
     }
     Ok(Fault {
         id: identifiers.read(node)?,
@@ -213,13 +203,13 @@ fn read_fault(node: &Node, identifiers: &mut Identifiers, links: &[Transport]) -
         link,
         at_s,
         when: condition("when")?,
-        probability: node.number(&PROBABILITY)?,
-        by_hand: node.number(&BY_HAND)? != 0.0,
-        for_s: node.optional(&FOR)?,
+        probability,
+        by_hand: by_hand != 0.0,
+        for_s: Some(for_s).filter(|for_s| !for_s.is_nan()),
         end_when: condition("end_when")?,
-        until_s,
+        until_s: if until_s.is_nan() { f64::INFINITY } else { until_s },
         release_s,
-        times: node.number(&TIMES)? as u64,
+        times: times as u64,
         seed: node.whole_number("seed")?,
     })
 }
@@ -311,25 +301,24 @@ pub(super) fn read_expectations(root: &Node, before: &[Expectation], faults: &[F
     let mut identifiers = Identifiers::new(EXPECT, before.iter().map(|expectation| expectation.id.as_str()), &nodes);
     let mut read = Vec::new();
     for node in &nodes {
-        let numbers: Vec<&str> = EXPECT_NUMBERS.iter().map(|number| number.name).collect();
+        let numbers: Vec<&str> = ExpectationNumbers::NUMBERS.iter().map(|number| number.name).collect();
         node.only(&[&["id", "after", "condition"][..], &numbers].concat())?;
         let condition: Expression =
             node.text("condition")?.parse().map_err(|expected: String| node.unexpected("condition", &expected))?;
         known.check(node, "condition", condition.faults())?;
         let after = if node.keys().contains(&"after") { Some(node.text("after")?) } else { None };
         known.check(node, "after", after)?;
-        let window = match (node.number(&WITHIN)?, node.number(&THROUGHOUT)?) {
-            (within_s, throughout_s) if throughout_s.is_nan() && !within_s.is_nan() => TimeWindow::Within(within_s),
-            (within_s, throughout_s) if within_s.is_nan() && !throughout_s.is_nan() => {
-                TimeWindow::Throughout(throughout_s)
-            }
+        let ExpectationNumbers { at_s, within_s, throughout_s } = node.numbers()?;
+        let window = match (within_s.is_nan(), throughout_s.is_nan()) {
+            (false, true) => TimeWindow::Within(within_s),
+            (true, false) => TimeWindow::Throughout(throughout_s),
             _ => {
                 let message =
                     "expected either `within_s` (must hold at least once) or `throughout_s` (must hold all the time)";
                 return Err(node.error("condition", message.to_owned()));
             }
         };
-        let (id, at_s) = (identifiers.read(node)?, node.number(&AT)?);
+        let id = identifiers.read(node)?;
         read.push(Expectation { id, after: after.map(str::to_owned), at_s, condition, window });
     }
     Ok(read)

@@ -3,9 +3,9 @@
 use serde_json::{Map, Value as Json, json};
 
 use super::document::{Node, Read};
-use super::fault::{AT, EXPECT, FAULT, FAULT_NUMBERS, FAULT_TEXTS, THROUGHOUT, WITHIN};
+use super::fault::{EXPECT, FAULT, FAULT_TEXTS, FaultNumbers};
 use super::schema;
-use super::tree::{Part, describe, line, one, quoted};
+use super::tree::{Part, describe, line, one, present, quoted};
 use crate::fault::expectation::{Expectation, TimeWindow};
 use crate::fault::{Fault, FaultKind};
 
@@ -40,18 +40,17 @@ pub fn fault_text(fault: &Fault) -> String {
             put(key, quoted(&condition.to_string()));
         }
     }
-    let values = [
-        fault.at_s,
-        fault.probability,
-        f64::from(u8::from(fault.by_hand)),
-        fault.for_s.unwrap_or(f64::NAN),
-        if fault.until_s.is_finite() { fault.until_s } else { f64::NAN },
-        fault.release_s,
-        fault.times as f64,
-    ];
-    for (number, value) in FAULT_NUMBERS.into_iter().zip(values) {
-        let is_default = number.default.initial() == value || value.is_nan();
-        if !is_default || number.name == AT.name && fault.when.is_none() {
+    let numbers = FaultNumbers {
+        at_s: fault.at_s,
+        probability: fault.probability,
+        by_hand: f64::from(u8::from(fault.by_hand)),
+        for_s: fault.for_s.unwrap_or(f64::NAN),
+        until_s: if fault.until_s.is_finite() { fault.until_s } else { f64::NAN },
+        release_s: fault.release_s,
+        times: fault.times as f64,
+    };
+    for (number, value) in present(&numbers) {
+        if number.default.initial() != value || number.name == "at_s" && fault.when.is_none() {
             put(number.name, number.written(value));
         }
     }
@@ -72,12 +71,12 @@ pub fn plan_text(faults: &[Fault], expectations: &[Expectation]) -> String {
         if let Some(after) = after {
             text += &format!("after = {after:?}\n");
         }
-        let (number, length_s) = match window {
-            TimeWindow::Within(length_s) => (WITHIN, length_s),
-            TimeWindow::Throughout(length_s) => (THROUGHOUT, length_s),
+        let (key, length_s) = match window {
+            TimeWindow::Within(length_s) => ("within_s", length_s),
+            TimeWindow::Throughout(length_s) => ("throughout_s", length_s),
         };
         let condition = quoted(&condition.to_string());
-        text += &format!("{} = {at_s:?}\ncondition = {condition}\n{} = {length_s:?}\n", AT.name, number.name);
+        text += &format!("at_s = {at_s:?}\ncondition = {condition}\n{key} = {length_s:?}\n");
     }
     text
 }
@@ -103,7 +102,7 @@ impl Part for Plan<'_> {
             for (key, meaning) in FAULT_TEXTS {
                 line!(text, "#   {key}: {meaning}");
             }
-            describe(text, FAULT_NUMBERS);
+            describe(text, FaultNumbers::NUMBERS);
             let fault = "at_s = 100.0, gyro = \"GYRX\", parameter = \"pivot-clearance.clearance_arcsec\"";
             line!(text, "# fault = [{{ {fault}, course = {{ step = 11.5 }}, for_s = 600.0 }}]");
         }

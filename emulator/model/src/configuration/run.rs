@@ -9,39 +9,22 @@ use super::document::{Node, Read};
 use super::schema::{self, properties};
 use super::tree::{Part, line, one, quoted};
 use crate::fault::catalogue::Transport;
-use crate::parameter_spec::{ABSENT, DefaultValue, ParameterSpec, REAL, ValueFormat, WHOLE, number};
+use crate::parameter_spec::{ValueFormat, numbers};
 
-const DURATION: ParameterSpec = number("duration_s", "s", REAL, DefaultValue::Value(0.0), 0.0, 1e10, "how long it ran");
-const SERIAL_BAUD: ParameterSpec = number(
-    "serial_baud",
-    "baud",
-    WHOLE,
-    ABSENT,
-    1.0,
-    1e8,
-    "rate of the serial port that was open; the default one where not named",
-);
-const CAN_BASE: ParameterSpec = number(
-    "can_base",
-    "",
-    WHOLE,
-    ABSENT,
-    0.0,
-    CanIdMap::MAX_BASE as f64,
-    "base identifier of CAN; the default one where not named",
-);
-const KEYS: [&str; 10] = [
-    DURATION.name,
-    UNFINISHED,
-    ENDED_EARLY,
-    "wire",
-    "links",
-    SERIAL_BAUD.name,
-    CAN_BASE.name,
-    "truth",
-    "injected",
-    "command",
-];
+numbers! {
+    /// The numbers of the record.
+    struct RunNumbers {
+        /// how long it ran
+        duration_s: 0.0, 0.0..=1e10, "s";
+        /// rate of the serial port that was open; the default one where not named
+        serial_baud: absent, 1.0..=1e8, "baud", Whole;
+        /// base identifier of CAN; the default one where not named
+        can_base: absent, 0.0..=CanIdMap::MAX_BASE as f64, "", Whole;
+    }
+}
+
+const KEYS: [&str; 10] =
+    ["duration_s", UNFINISHED, ENDED_EARLY, "wire", "links", "serial_baud", "can_base", "truth", "injected", "command"];
 const UNFINISHED: &str = "unfinished";
 const ENDED_EARLY: &str = "ended_early";
 
@@ -129,14 +112,15 @@ impl Part for &mut RunRecord {
     fn read(&mut self, root: &Node, key: &str) -> Read<()> {
         let Some(node) = root.table(key)? else { return Ok(()) };
         node.only(&KEYS)?;
-        self.duration_s = node.number(&DURATION)?;
+        let RunNumbers { duration_s, serial_baud, can_base } = node.numbers()?;
+        self.duration_s = duration_s;
+        self.serial_baud = (!serial_baud.is_nan()).then_some(serial_baud as u32);
+        self.can_base = (!can_base.is_nan()).then_some(can_base as u16);
         if node.keys().contains(&"wire") {
             self.wire = LinkLogFormat::from_name(node.choice("wire", &LinkLogFormat::NAMES)?);
         }
         let links = node.choices("links", &Transport::NAMES)?;
         self.links = links.into_iter().filter_map(Transport::from_name).collect();
-        self.serial_baud = node.optional(&SERIAL_BAUD)?.map(|baud| baud as u32);
-        self.can_base = node.optional(&CAN_BASE)?.map(|base| base as u16);
         self.is_unfinished = node.value(UNFINISHED, ValueFormat::Flag, 0.0, 1.0)? == Some(1.0);
         if let Some(node) = node.table(ENDED_EARLY)? {
             node.only(&["half_second", "reason"])?;
@@ -161,7 +145,7 @@ impl Part for &mut RunRecord {
         if **self == RunRecord::default() {
             return;
         }
-        line!(text, "\n[{key}]\n{} = {:?}", DURATION.name, self.duration_s);
+        line!(text, "\n[{key}]\nduration_s = {:?}", self.duration_s);
         if self.is_unfinished {
             line!(text, "{UNFINISHED} = true");
         }
@@ -175,10 +159,10 @@ impl Part for &mut RunRecord {
             line!(text, "links = {:?}", self.links.iter().map(|link| link.name()).collect::<Vec<_>>());
         }
         if let Some(baud) = self.serial_baud {
-            line!(text, "{} = {baud}", SERIAL_BAUD.name);
+            line!(text, "serial_baud = {baud}");
         }
         if let Some(base) = self.can_base {
-            line!(text, "{} = {base:#X}", CAN_BASE.name);
+            line!(text, "can_base = {base:#X}");
         }
         if let Some(truth) = &self.truth {
             line!(text, "truth = {}", quoted(truth));
@@ -200,14 +184,15 @@ impl Part for &mut RunRecord {
         let unfinished = "the recording has no end yet: duration and commands stand in the files beside it";
         let truth =
             "truth: a file (reference.csv, CCSDS AEM, received.csv) or, for geu run, udp://, tcp:// or 42://HOST:PORT";
+        let [duration, baud, base] = RunNumbers::NUMBERS else { unreachable!("three numbers") };
         let fields = [
-            (DURATION.name, schema::number(&DURATION)),
+            (duration.name, schema::number(duration)),
             (UNFINISHED, json!({ "type": "boolean", "description": unfinished })),
             (ENDED_EARLY, early),
             ("wire", json!({ "enum": LinkLogFormat::NAMES })),
             ("links", json!({ "type": "array", "items": { "enum": Transport::NAMES } })),
-            (SERIAL_BAUD.name, schema::number(&SERIAL_BAUD)),
-            (CAN_BASE.name, schema::number(&CAN_BASE)),
+            (baud.name, schema::number(baud)),
+            (base.name, schema::number(base)),
             ("truth", json!({ "type": "string", "description": truth })),
             ("injected", json!({ "type": "array", "items": text(), "description": "faults injected while it ran" })),
             ("command", json!({ "type": "array", "items": command })),

@@ -80,7 +80,7 @@ impl Part for &mut Vec<Manoeuvre> {
                         DefaultValue::Required => "required".to_owned(),
                         DefaultValue::Absent => "optional".to_owned(),
                     };
-                    line!(text, "#   {}: {} ({}; {default})", spec.name, spec.meaning.trim(), spec.limits());
+                    line!(text, "#   {}: {} ({}; {default})", spec.name, spec.meaning, spec.limits());
                 }
             }
         }

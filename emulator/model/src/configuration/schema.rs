@@ -3,7 +3,7 @@
 use geu_protocol::Gyro;
 use serde_json::{Map, Value, json};
 
-use super::fault::{EXPECT_NUMBERS, FAULT_NUMBERS, FAULT_TEXTS};
+use super::fault::{ExpectationNumbers, FAULT_TEXTS, FaultNumbers};
 use crate::fault::ParameterRef;
 use crate::fault::catalogue::{CATALOGUE, Scope, Transport};
 use crate::parameter_spec::{DefaultValue, ParameterSet, ParameterSpec, ValueFormat};
@@ -36,7 +36,7 @@ pub(super) fn limited(form: ValueFormat, min: f64, max: f64, meaning: &str) -> V
         ValueFormat::Whole => json!({ "type": "integer" }),
         ValueFormat::Choice(names) => json!({ "enum": names }),
     };
-    schema["description"] = json!(meaning.trim());
+    schema["description"] = json!(meaning);
     // JSON has no infinities: such a limit is none.
     for (key, limit) in [("minimum", min), ("maximum", max)] {
         if matches!(form, ValueFormat::Real | ValueFormat::Whole) && limit.is_finite() {
@@ -68,7 +68,7 @@ fn common() -> Map<String, Value> {
     let texts = FAULT_TEXTS
         .iter()
         .map(|(key, meaning)| ((*key).to_owned(), json!({ "type": "string", "description": meaning })));
-    let numbers = FAULT_NUMBERS.iter().map(|spec| (spec.name.to_owned(), number(spec)));
+    let numbers = FaultNumbers::NUMBERS.iter().map(|spec| (spec.name.to_owned(), number(spec)));
     texts.chain(numbers).chain([("seed".to_owned(), json!({ "type": "integer", "minimum": 0 }))]).collect()
 }
 
@@ -126,7 +126,7 @@ pub(super) fn faults() -> Vec<Value> {
 
 pub(super) fn expectation() -> Value {
     let mut properties: Map<String, Value> =
-        EXPECT_NUMBERS.iter().map(|spec| (spec.name.to_owned(), number(spec))).collect();
+        ExpectationNumbers::NUMBERS.iter().map(|spec| (spec.name.to_owned(), number(spec))).collect();
     for (key, meaning) in [
         ("id", "its own in the plan"),
         ("after", "from the first start of this fault on"),

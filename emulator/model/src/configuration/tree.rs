@@ -29,10 +29,8 @@ pub(super) struct Field<'a> {
 enum Value<'a> {
     /// A number.
     Number(&'static ParameterSpec, &'a mut f64),
-    /// An inline table of numbers that a gyro with these axes has.
-    Numbers { title: &'static str, numbers: &'a mut dyn ParameterSet, axes: Option<&'static Axes> },
-    /// An inline table of a sensor's numbers; its schema has the title.
-    Sensor(&'static str, &'a mut dyn ParameterSet),
+    /// An inline table of numbers that a gyro with these axes has. `true`: its schema has the title.
+    Numbers { title: (&'static str, bool), numbers: &'a mut dyn ParameterSet, axes: Option<&'static Axes> },
     /// A table with a header.
     Table(Vec<Field<'a>>),
     /// A form of its own.
@@ -71,7 +69,7 @@ impl Configuration {
         let Configuration { scenario, electronics, sensors, .. } = self;
         let gyros = Gyro::ALL.into_iter().zip(&mut self.gyros).map(|(gyro, own)| {
             let axes = Some(Axes::of(gyro));
-            let title = "the unit's own parameters, and the believed ones";
+            let title = ("the unit's own parameters, and the believed ones", false);
             let fields = vec![
                 Field { key: "calibration", value: Value::Numbers { title, numbers: &mut own.calibration, axes } },
                 part(discovered::CODE, &mut own.discovered),
@@ -89,7 +87,7 @@ impl Configuration {
                 vec![
                     Field { key: THETA.name, value: Value::Number(&THETA, &mut scenario.theta_deg) },
                     Field { key: PSI.name, value: Value::Number(&PSI, &mut scenario.psi_deg) },
-                    numbers("limit_cycle", "limit cycle about X and Y", &mut scenario.limit_cycle),
+                    numbers("limit_cycle", ("limit cycle about X and Y", false), &mut scenario.limit_cycle),
                 ],
             ),
             part("manoeuvre", &mut scenario.manoeuvres),
@@ -97,7 +95,7 @@ impl Configuration {
             table(
                 "temperature",
                 vec![
-                    numbers("electronics", "electronics temperature", &mut electronics.numbers),
+                    numbers("electronics", ("electronics temperature", false), &mut electronics.numbers),
                     part("electronics_table", &mut electronics.table),
                 ],
             ),
@@ -106,8 +104,12 @@ impl Configuration {
             table(
                 "sensors",
                 vec![
-                    sensor("fss", "Fine Sun Sensor: two axes, 2 Hz (Casteren §1, §6)", &mut sensors.fss),
-                    sensor("sse", "slit star sensor: fixes at the reference times (Casteren §5)", &mut sensors.sse),
+                    numbers("fss", ("Fine Sun Sensor: two axes, 2 Hz (Casteren §1, §6)", true), &mut sensors.fss),
+                    numbers(
+                        "sse",
+                        ("slit star sensor: fixes at the reference times (Casteren §5)", true),
+                        &mut sensors.sse,
+                    ),
                 ],
             ),
             part(FAULT, Plan { faults: &self.faults, expectations: &self.expectations }),
@@ -121,12 +123,8 @@ fn table<'a>(key: &'static str, fields: Vec<Field<'a>>) -> Field<'a> {
     Field { key, value: Value::Table(fields) }
 }
 
-fn numbers<'a>(key: &'static str, title: &'static str, numbers: &'a mut dyn ParameterSet) -> Field<'a> {
+fn numbers<'a>(key: &'static str, title: (&'static str, bool), numbers: &'a mut dyn ParameterSet) -> Field<'a> {
     Field { key, value: Value::Numbers { title, numbers, axes: None } }
-}
-
-fn sensor<'a>(key: &'static str, title: &'static str, numbers: &'a mut dyn ParameterSet) -> Field<'a> {
-    Field { key, value: Value::Sensor(title, numbers) }
 }
 
 fn part<'a>(key: &'static str, part: impl Part + 'a) -> Field<'a> {
@@ -172,11 +170,6 @@ pub(super) fn read(fields: &mut [Field], node: &Node) -> Read<()> {
         match value {
             Value::Number(spec, place) => **place = node.number(spec)?,
             Value::Part(part) => part.read(node, key)?,
-            Value::Sensor(_, numbers) => {
-                if let Some(node) = node.table(key)? {
-                    node.fill(*numbers, |_| true, &[])?;
-                }
-            }
             Value::Numbers { numbers, axes, .. } => {
                 if let Some(node) = node.table(key)? {
                     node.fill(*numbers, |name| has(*axes, name), &[])?;
@@ -200,8 +193,7 @@ pub(super) fn show(fields: &[Field], path: &str, complete: bool, text: &mut Stri
                 let comment = comment(complete, &format!("{} ({})", spec.meaning, spec.limits()));
                 line!(text, "{key} = {value:?}{comment}");
             }
-            Value::Sensor(title, numbers) => show_numbers(text, complete, key, title, *numbers, |_| true),
-            Value::Numbers { title, numbers, axes } => {
+            Value::Numbers { title: (title, _), numbers, axes } => {
                 show_numbers(text, complete, key, title, *numbers, |name| has(*axes, name));
             }
             Value::Table(fields) => {
@@ -222,10 +214,11 @@ pub(super) fn schema(fields: &[Field]) -> Json {
     for Field { key, value } in fields {
         let schema = match value {
             Value::Number(spec, _) => schema::number(spec),
-            Value::Numbers { numbers, axes, .. } => schema::table(*numbers, &|name| has(*axes, name)),
-            Value::Sensor(title, numbers) => {
-                let mut schema = schema::table(*numbers, &|_| true);
-                schema["description"] = json!(title);
+            Value::Numbers { title: (title, is_shown), numbers, axes } => {
+                let mut schema = schema::table(*numbers, &|name| has(*axes, name));
+                if *is_shown {
+                    schema["description"] = json!(title);
+                }
                 schema
             }
             Value::Table(fields) => self::schema(fields),
@@ -263,7 +256,7 @@ pub(super) fn inline(numbers: &dyn ParameterSet, has: impl Fn(&str) -> bool) -> 
 /// Comment lines with meaning and limits of each number.
 pub(super) fn describe<'a>(text: &mut String, specs: impl IntoIterator<Item = &'a ParameterSpec>) {
     for spec in specs {
-        line!(text, "#   {}: {} ({})", spec.name, spec.meaning.trim(), spec.limits());
+        line!(text, "#   {}: {} ({})", spec.name, spec.meaning, spec.limits());
     }
 }
 

@@ -8,9 +8,7 @@ use std::sync::LazyLock;
 use geu_protocol::Gyro;
 
 use crate::fault::ParameterRef;
-use crate::parameter_spec::{
-    DefaultValue, FLAG, ParameterSpec, REAL, REQUIRED, ValueFormat, WHOLE, named_gyro, number,
-};
+use crate::parameter_spec::{ParameterSet, ParameterSpec, named_gyro, numbers};
 use crate::time_profile::{self, TimeProfile};
 pub use link_fault::LinkFault;
 
@@ -169,12 +167,12 @@ impl std::fmt::Debug for FaultSpec {
 
 impl FaultSpec {
     const fn new(
+        scope: Scope,
         code: &'static str,
         meaning: &'static str,
         numbers: &'static [ParameterSpec],
         law: fn(&[f64]) -> FaultAction,
     ) -> FaultSpec {
-        let scope = Scope::Gyro;
         FaultSpec { code, scope, meaning, numbers, for_s: None, unable: &[], bounds: &[], neutral: None, law }
     }
 
@@ -231,21 +229,15 @@ impl FaultSpec {
     }
 }
 
-const ONE: DefaultValue = DefaultValue::Value(1.0);
-
-const CAN: &[Transport] = &[Transport::Can];
-
-const fn unit(
-    code: &'static str,
-    meaning: &'static str,
-    numbers: &'static [ParameterSpec],
-    for_s: Option<f64>,
-    law: fn(&[f64]) -> FaultAction,
-) -> FaultSpec {
-    FaultSpec { scope: Scope::Unit, for_s, ..FaultSpec::new(code, meaning, numbers, law) }
+/// The numbers of a fault, with these values.
+fn from_values<N: ParameterSet + Default>(values: &[f64]) -> N {
+    let mut numbers = N::default();
+    values.iter().enumerate().for_each(|(index, value)| *numbers.value_mut(index) = *value);
+    numbers
 }
 
-fn moved(parameter: &str, size: f64, course: TimeProfile) -> FaultAction {
+fn moved(parameter: &str, size: f64, profile: &str, shapes: &[f64]) -> FaultAction {
+    let course = time_profile::from_name(profile).with(shapes);
     FaultAction::Parameter { target: ParameterRef::from_name(parameter).expect("a number of an effect"), size, course }
 }
 
@@ -253,133 +245,99 @@ fn moved(parameter: &str, size: f64, course: TimeProfile) -> FaultAction {
 pub static CATALOGUE: LazyLock<Vec<FaultSpec>> =
     LazyLock::new(|| [GYRO_AND_UNIT, link_fault::POSSIBLE, link_fault::IMPOSSIBLE].concat());
 
-const GYRO_AND_UNIT: &[FaultSpec] = &[
-    FaultSpec::new("dead", "reads 0, not valid", &[], |_| FaultAction::Head(GyroFault::Dead)),
-    FaultSpec::new(
-        "stuck-count",
-        "every increment is the same, flagged as if it were right",
-        &[number("counts", "counts", WHOLE, REQUIRED, -32768.0, 32767.0, "the increment")],
-        |n| FaultAction::Head(GyroFault::StuckCount { counts: n[0] }),
-    ),
-    FaultSpec::new("stuck-rate", "the last increment is repeated", &[], |_| {
-        moved("stuck-output.on", 1.0, time_profile::from_name("step").with(&[]))
-    }),
-    FaultSpec::new("sign-flip", "counts have the other sign", &[], |_| {
-        moved("sign-inversion.on", 1.0, time_profile::from_name("step").with(&[]))
-    }),
-    FaultSpec::new(
-        "axis-swap",
-        "counts of two gyros stand in each other's place",
-        &[number("with", "", ValueFormat::Gyro, REQUIRED, 1.0, 4.0, "the other gyro")],
-        |n| moved("axis-swap.with", n[0], time_profile::from_name("step").with(&[])),
-    ),
-    FaultSpec {
-        neutral: Some(("factor", 1.0)),
-        ..FaultSpec::new(
-            "wrong-lsb",
-            "counts are of another size",
-            &[number("factor", "", REAL, REQUIRED, -256.0, 256.0, "counts told for one that is meant")],
-            |n| FaultAction::Head(GyroFault::WrongLsb { factor: n[0] }),
-        )
-    },
-    FaultSpec {
-        for_s: Some(0.5),
-        neutral: Some(("counts", 0.0)),
-        ..FaultSpec::new(
-            "spike",
-            "counts are added in each sample interval",
-            &[
-                number(
-                    "counts",
-                    "counts",
-                    REAL,
-                    REQUIRED,
-                    -65535.0,
-                    65535.0,
-                    "size: the value, the largest, or the deviation",
-                ),
-                number(
-                    "law",
-                    "",
-                    ValueFormat::Choice(SpikeLaw::NAMES),
-                    DefaultValue::Value(0.0),
-                    0.0,
-                    3.0,
-                    "how the size is drawn",
-                ),
-            ],
-            |n| FaultAction::Head(GyroFault::Spike { counts: n[0], law: SpikeLaw::at(n[1]) }),
-        )
-    },
-    FaultSpec::new("garbage", "any 16 bits, flagged as if they were right", &[], |_| {
-        FaultAction::Head(GyroFault::Garbage)
-    }),
-    FaultSpec::new(
-        "saturated",
-        "the largest increment, flagged saturated",
-        &[number("negative", "", FLAG, DefaultValue::Value(0.0), 0.0, 1.0, "whether it is the most negative one")],
-        |n| FaultAction::Head(GyroFault::Saturated { is_negative: n[0] != 0.0 }),
-    ),
-    FaultSpec::new(
-        "noise-growth",
-        "the angle random walk grows and stays",
-        &[
-            number("arcsec_per_sqrt_s", "arcsec/√s", REAL, REQUIRED, 1e-6, 100.0, "what the walk grows by"),
-            number("over_s", "s", REAL, REQUIRED, 0.5, 1e9, "how long it grows"),
-        ],
-        |n| moved("angle-random-walk.arcsec_per_sqrt_s", n[0], time_profile::from_name("ramp").with(&[n[1]])),
-    ),
-    FaultSpec::new(
-        "spin-down",
-        "the spin motor coasts: counts fade, not valid, not synchronous; 60 s of spin-up when it is over",
-        &[number("coast_s", "s", REAL, DefaultValue::Value(30.0), 0.5, 1e6, "time constant of the coast")],
-        |n| FaultAction::Head(GyroFault::SpinDown { coast_s: n[0] }),
-    ),
-    unit("heater-lost", "the sensor's heater gives nothing, whatever is commanded", &[], None, |_| {
-        FaultAction::Unit(UnitFault::HeaterLost)
-    }),
-    unit(
-        "reset",
-        "the electronics restart: silent meanwhile, then sequence and clock from 0, cyclic, no self-test; gyros run on",
-        &[],
-        Some(2.0),
-        |_| FaultAction::Unit(UnitFault::Reset),
-    ),
-    unit(
-        "brown-out",
-        "power is lost: silent meanwhile, then as after a reset, heater on, and the gyros spin up again",
-        &[],
-        Some(2.0),
-        |_| FaultAction::Unit(UnitFault::BrownOut),
-    ),
-    unit(
-        "boot-delay",
-        "silent until it is over, then sequence and clock from 0; on from the start, the unit boots late",
-        &[],
-        Some(2.0),
-        |_| FaultAction::Unit(UnitFault::BootDelay),
-    ),
-    unit(
-        "flip-flags",
-        "flags contradict the data: these bits are told the wrong way",
-        &[
-            number("gyro_flags", "", WHOLE, DefaultValue::Value(0.0), 0.0, 255.0, "mask"),
-            number("unit_flags", "", WHOLE, DefaultValue::Value(0.0), 0.0, 255.0, "mask"),
-        ],
-        None,
-        |n| FaultAction::Unit(UnitFault::FlipFlags { gyro_flags: n[0] as u8, unit_flags: n[1] as u8 }),
-    ),
-    FaultSpec {
-        neutral: Some(("cycles", 0.0)),
-        ..unit(
-            "clock-jump",
-            "the clock count jumps once and goes on from there",
-            &[number("cycles", "cycles", WHOLE, REQUIRED, -1e12, 1e12, "cycles of the unit clock")],
-            Some(0.5),
-            |n| FaultAction::Unit(UnitFault::ClockJump { cycles: n[0] as i64 }),
-        )
-    },
-];
+/// Specifications of faults: meaning, code, scope and other fields of [`FaultSpec`] that are not the default, numbers, and the
+/// action by them.
+macro_rules! fault_specs {
+    ($($(#[doc = $meaning:literal])* $code:literal ($scope:ident $(, $key:ident: $value:expr)*) {
+        $($(#[doc = $text:literal])* $number:ident: $default:tt, $min:literal ..= $max:expr, $unit:literal $(, $form:ident $(($names:expr))?)?;)*
+    } => $action:expr;)*) => {
+        &[$({
+            numbers! {
+                /// The numbers of the fault.
+                struct Numbers {
+                    $($(#[doc = $text])* $number: $default, $min ..= $max, $unit $(, $form $(($names))?)?;)*
+                }
+            }
+            FaultSpec {
+                $($key: $value,)*
+                ..FaultSpec::new(Scope::$scope, $code, concat!($($meaning),*).trim_ascii(), Numbers::NUMBERS, |values| {
+                    let Numbers { $($number),* } = from_values(values);
+                    $action
+                })
+            }
+        }),*]
+    };
+}
+
+const GYRO_AND_UNIT: &[FaultSpec] = fault_specs! {
+    /// reads 0, not valid
+    "dead" (Gyro) {} => FaultAction::Head(GyroFault::Dead);
+    /// every increment is the same, flagged as if it were right
+    "stuck-count" (Gyro) {
+        /// the increment
+        counts: required, -32768.0..=32767.0, "counts", Whole;
+    } => FaultAction::Head(GyroFault::StuckCount { counts });
+    /// the last increment is repeated
+    "stuck-rate" (Gyro) {} => moved("stuck-output.on", 1.0, "step", &[]);
+    /// counts have the other sign
+    "sign-flip" (Gyro) {} => moved("sign-inversion.on", 1.0, "step", &[]);
+    /// counts of two gyros stand in each other's place
+    "axis-swap" (Gyro) {
+        /// the other gyro
+        with: required, 1.0..=4.0, "", Gyro;
+    } => moved("axis-swap.with", with, "step", &[]);
+    /// counts are of another size
+    "wrong-lsb" (Gyro, neutral: Some(("factor", 1.0))) {
+        /// counts told for one that is meant
+        factor: required, -256.0..=256.0, "";
+    } => FaultAction::Head(GyroFault::WrongLsb { factor });
+    /// counts are added in each sample interval
+    "spike" (Gyro, for_s: Some(0.5), neutral: Some(("counts", 0.0))) {
+        /// size: the value, the largest, or the deviation
+        counts: required, -65535.0..=65535.0, "counts";
+        /// how the size is drawn
+        law: 0.0, 0.0..=3.0, "", Choice(SpikeLaw::NAMES);
+    } => FaultAction::Head(GyroFault::Spike { counts, law: SpikeLaw::at(law) });
+    /// any 16 bits, flagged as if they were right
+    "garbage" (Gyro) {} => FaultAction::Head(GyroFault::Garbage);
+    /// the largest increment, flagged saturated
+    "saturated" (Gyro) {
+        /// whether it is the most negative one
+        negative: 0.0, 0.0..=1.0, "", Flag;
+    } => FaultAction::Head(GyroFault::Saturated { is_negative: negative != 0.0 });
+    /// the angle random walk grows and stays
+    "noise-growth" (Gyro) {
+        /// what the walk grows by
+        arcsec_per_sqrt_s: required, 1e-6..=100.0, "arcsec/√s";
+        /// how long it grows
+        over_s: required, 0.5..=1e9, "s";
+    } => moved("angle-random-walk.arcsec_per_sqrt_s", arcsec_per_sqrt_s, "ramp", &[over_s]);
+    /// the spin motor coasts: counts fade, not valid, not synchronous; 60 s of spin-up when it is over
+    "spin-down" (Gyro) {
+        /// time constant of the coast
+        coast_s: 30.0, 0.5..=1e6, "s";
+    } => FaultAction::Head(GyroFault::SpinDown { coast_s });
+    /// the sensor's heater gives nothing, whatever is commanded
+    "heater-lost" (Unit) {} => FaultAction::Unit(UnitFault::HeaterLost);
+    /// the electronics restart: silent meanwhile, then sequence and clock from 0, cyclic, no self-test; gyros run on
+    "reset" (Unit, for_s: Some(2.0)) {} => FaultAction::Unit(UnitFault::Reset);
+    /// power is lost: silent meanwhile, then as after a reset, heater on, and the gyros spin up again
+    "brown-out" (Unit, for_s: Some(2.0)) {} => FaultAction::Unit(UnitFault::BrownOut);
+    /// silent until it is over, then sequence and clock from 0; on from the start, the unit boots late
+    "boot-delay" (Unit, for_s: Some(2.0)) {} => FaultAction::Unit(UnitFault::BootDelay);
+    /// flags contradict the data: these bits are told the wrong way
+    "flip-flags" (Unit) {
+        /// mask
+        gyro_flags: 0.0, 0.0..=255.0, "", Whole;
+        /// mask
+        unit_flags: 0.0, 0.0..=255.0, "", Whole;
+    } => FaultAction::Unit(UnitFault::FlipFlags { gyro_flags: gyro_flags as u8, unit_flags: unit_flags as u8 });
+    /// the clock count jumps once and goes on from there
+    "clock-jump" (Unit, for_s: Some(0.5), neutral: Some(("cycles", 0.0))) {
+        /// cycles of the unit clock
+        cycles: required, -1e12..=1e12, "cycles", Whole;
+    } => FaultAction::Unit(UnitFault::ClockJump { cycles: cycles as i64 });
+};
 
 #[cfg(test)]
 mod tests;

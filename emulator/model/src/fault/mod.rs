@@ -70,33 +70,33 @@ impl ParameterRef {
     }
 
     pub fn effect(&self) -> &'static EffectSpec {
-        match self.list {
-            EffectList::Unit => &UnitEffects::SPECS[self.effect],
-            EffectList::Head => &GyroEffects::SPECS[self.effect],
-            EffectList::Wiring => &WiringEffects::SPECS[self.effect],
-        }
+        self.facts().0
     }
 
     /// The numbers of its effect.
     pub fn numbers(&self) -> &'static [ParameterSpec] {
+        self.facts().1
+    }
+
+    /// True if its effect draws random numbers.
+    pub fn is_noise(&self) -> bool {
+        self.facts().2
+    }
+
+    fn facts(&self) -> (&'static EffectSpec, &'static [ParameterSpec], bool) {
+        fn facts<E: Effects>(effect: usize) -> (&'static EffectSpec, &'static [ParameterSpec], bool) {
+            let all = E::default();
+            (&all.specs()[effect], all.numbers(effect).specs(), all.is_noise(effect))
+        }
         match self.list {
-            EffectList::Unit => UnitEffects::default().numbers(self.effect).specs(),
-            EffectList::Head => GyroEffects::default().numbers(self.effect).specs(),
-            EffectList::Wiring => WiringEffects::default().numbers(self.effect).specs(),
+            EffectList::Unit => facts::<UnitEffects>(self.effect),
+            EffectList::Head => facts::<GyroEffects>(self.effect),
+            EffectList::Wiring => facts::<WiringEffects>(self.effect),
         }
     }
 
     pub fn number(&self) -> &'static ParameterSpec {
         &self.numbers()[self.number]
-    }
-
-    /// True if its effect draws random numbers.
-    pub fn is_noise(&self) -> bool {
-        match self.list {
-            EffectList::Unit => UnitEffects::default().is_noise(self.effect),
-            EffectList::Head => GyroEffects::default().is_noise(self.effect),
-            EffectList::Wiring => WiringEffects::default().is_noise(self.effect),
-        }
     }
 
     /// Limits of what a fault may add: from any value to any other that the model is good for, as a step in the

@@ -1,14 +1,10 @@
 //! The list of the faults of links: one entry per fault, with all that a plan, the schema and the catalogue need. A file of the
 //! same name in the recorder, `link_model/fault/NAME.rs`, changes the bytes of a link.
 
-use super::{
-    Bound, CAN, DefaultValue, FaultAction, FaultSpec, ONE, ParameterSpec, REAL, REQUIRED, Scope, Transport,
-    ValueFormat, WHOLE,
-};
-use crate::parameter_spec::number;
+use super::{Bound, FaultAction, FaultSpec, Scope, Transport, from_values};
+use crate::parameter_spec::numbers;
 
-/// The shortest delay that can be observed, s.
-const MIN_DELAY_S: f64 = 0.001;
+const CAN: &[Transport] = &[Transport::Can];
 const BYTE_STREAMS: &[Transport] = &[Transport::Pty, Transport::Serial, Transport::Tcp];
 
 const NO_FRAMES: &str = "a CAN frame carries nothing but its own bytes: babble sends more frames";
@@ -32,187 +28,127 @@ const NO_LINE_LINKS: [(Transport, &str); 4] = [
 
 /// Passes the faults of links to the macro `$with`: module in the recorder, type, and specification.
 ///
-/// `numbers` are the keys of the fault in a plan: name, type, and the arguments of [`number`](crate::parameter_spec::number). Any
-/// other field of [`FaultSpec`] can follow; its default applies if it is absent.
+/// In brackets the code and any other field of [`FaultSpec`] that is not the default; in braces the numbers, the keys of the
+/// fault in a plan.
 #[macro_export]
 macro_rules! link_faults {
     ($with:ident) => {
         $with! {
-            drop: Drop { code: "drop", meaning: "samples are not sent", numbers: {} }
-            duplicate: Duplicate {
-                code: "duplicate",
-                meaning: "samples are sent more than once",
-                numbers: { copies: u64 = ("", WHOLE, ONE, 1.0, 16.0, "how often more") }
+            /// samples are not sent
+            drop: Drop ("drop") {}
+            /// samples are sent more than once
+            duplicate: Duplicate ("duplicate") {
+                /// how often more
+                copies: 1.0, 1.0..=16.0, "", Whole;
             }
-            reorder: Reorder {
-                code: "reorder",
-                meaning: "of each two samples the second is sent before the first",
-                numbers: {}
+            /// of each two samples the second is sent before the first
+            reorder: Reorder ("reorder") {}
+            /// samples are sent late
+            delay: Delay ("delay") {
+                /// how late
+                delay_s: required, 0.001..=60.0, "s";
             }
-            delay: Delay {
-                code: "delay",
-                meaning: "samples are sent late",
-                numbers: { delay_s: f64 = ("s", REAL, REQUIRED, MIN_DELAY_S, 60.0, "how late") }
+            /// samples are sent late, each by a delay drawn evenly
+            jitter: Jitter ("jitter") {
+                /// the longest
+                jitter_s: required, 0.001..=60.0, "s";
             }
-            jitter: Jitter {
-                code: "jitter",
-                meaning: "samples are sent late, each by a delay drawn evenly",
-                numbers: { jitter_s: f64 = ("s", REAL, REQUIRED, MIN_DELAY_S, 60.0, "the longest") }
+            /// the last bytes are missing; on CAN every message is shorter, and one without bytes left is not sent
+            truncate: Truncate ("truncate", bounds: &[Bound { number: "bytes", links: CAN, most: 8.0, what: "on CAN" }]) {
+                /// how many
+                bytes: 1.0, 1.0..=27.0, "byte", Whole;
             }
-            truncate: Truncate {
-                code: "truncate",
-                meaning: "the last bytes are missing; on CAN every message is shorter, and one without bytes left is not sent",
-                numbers: { bytes: u64 = ("byte", WHOLE, ONE, 1.0, 27.0, "how many") },
-                bounds: &[Bound { number: "bytes", links: CAN, most: 8.0, what: "on CAN" }]
+            /// a gap within the sample interval: behind this byte of a frame, on CAN behind this message
+            split: Split ("split", bounds: &[Bound { number: "byte", links: CAN, most: 2.0, what: "messages on CAN" }]) {
+                /// bytes, on CAN messages, before the gap
+                byte: 1.0, 1.0..=27.0, "", Whole;
+                /// how long
+                gap_s: 0.05, 0.001..=10.0, "s";
             }
-            split: Split {
-                code: "split",
-                meaning: "a gap within the sample interval: behind this byte of a frame, on CAN behind this message",
-                numbers: {
-                    byte: u64 = ("", WHOLE, ONE, 1.0, 27.0, "bytes, on CAN messages, before the gap"),
-                    gap_s: f64 = ("s", REAL, DefaultValue::Value(0.05), MIN_DELAY_S, 10.0, "how long")
-                },
-                bounds: &[Bound { number: "byte", links: CAN, most: 2.0, what: "messages on CAN" }]
+            /// samples are held and sent together
+            merge: Merge ("merge") {
+                /// how many at once
+                frames: 2.0, 2.0..=64.0, "", Whole;
             }
-            merge: Merge {
-                code: "merge",
-                meaning: "samples are held and sent together",
-                numbers: { frames: u64 = ("", WHOLE, DefaultValue::Value(2.0), 2.0, 64.0, "how many at once") }
+            /// bytes that mean nothing stand before each sample
+            extra_bytes: ExtraBytes ("extra-bytes", unable: &[(Transport::Can, NO_FRAMES)]) {
+                /// how many
+                bytes: 1.0, 1.0..=64.0, "byte", Whole;
             }
-            extra_bytes: ExtraBytes {
-                code: "extra-bytes",
-                meaning: "bytes that mean nothing stand before each sample",
-                numbers: { bytes: u64 = ("byte", WHOLE, ONE, 1.0, 64.0, "how many") },
-                unable: &[(Transport::Can, NO_FRAMES)]
+            /// bits of the data are changed: before the CRC, which then is right, or after it
+            bit_flip: BitFlip ("bit-flip") {
+                /// how many, anywhere in the data
+                bits: 1.0, 1.0..=64.0, "bit", Whole;
+                /// after or before the CRC
+                crc: 0.0, 0.0..=1.0, "", Choice(&["after", "before"]);
             }
-            bit_flip: BitFlip {
-                code: "bit-flip",
-                meaning: "bits of the data are changed: before the CRC, which then is right, or after it",
-                numbers: {
-                    bits: u64 = ("bit", WHOLE, ONE, 1.0, 64.0, "how many, anywhere in the data"),
-                    crc: u64 = (
-                        "",
-                        ValueFormat::Choice(&["after", "before"]),
-                        DefaultValue::Value(0.0),
-                        0.0,
-                        1.0,
-                        "after or before the CRC"
-                    )
-                }
+            /// the sequence stands still, the CRC is right
+            sequence_stuck: SequenceStuck ("sequence-stuck") {}
+            /// the sequence is off by so much, the CRC is right
+            sequence_jump: SequenceJump ("sequence-jump", neutral: Some(("by", 0.0))) {
+                /// how much
+                by: required, -32768.0..=32767.0, "", Whole;
             }
-            sequence_stuck: SequenceStuck {
-                code: "sequence-stuck",
-                meaning: "the sequence stands still, the CRC is right",
-                numbers: {}
+            /// the last good sample is sent again and again
+            stale_repeat: StaleRepeat ("stale-repeat") {}
+            /// the length told is not that of the data; on CAN every message has this length
+            wrong_length: WrongLength ("wrong-length", bounds: &[Bound { number: "length", links: CAN, most: 8.0, what: "on CAN" }]) {
+                /// length told; on CAN 0…8
+                length: required, 0.0..=255.0, "", Whole;
             }
-            sequence_jump: SequenceJump {
-                code: "sequence-jump",
-                meaning: "the sequence is off by so much, the CRC is right",
-                numbers: { by: i64 = ("", WHOLE, REQUIRED, -32768.0, 32767.0, "how much") },
-                neutral: Some(("by", 0.0))
+            /// messages go out under another identifier: the frame's type, on CAN the identifier of INCREMENTS, the others behind it
+            wrong_identifier: WrongIdentifier ("wrong-identifier", bounds: &[Bound { number: "identifier", links: BYTE_STREAMS, most: 255.0, what: "on a link of bytes" }]) {
+                /// type 0…255, on CAN 0…2045
+                identifier: required, 0.0..=2045.0, "", Whole;
             }
-            stale_repeat: StaleRepeat {
-                code: "stale-repeat",
-                meaning: "the last good sample is sent again and again",
-                numbers: {}
+            /// nonsense between the samples: bytes, on CAN frames of any identifier
+            babble: Babble ("babble") {
+                /// bytes or frames in each sample interval
+                amount: 16.0, 1.0..=1000.0, "", Whole;
             }
-            wrong_length: WrongLength {
-                code: "wrong-length",
-                meaning: "the length told is not that of the data; on CAN every message has this length",
-                numbers: { length: u64 = ("", WHOLE, REQUIRED, 0.0, 255.0, "length told; on CAN 0…8") },
-                bounds: &[Bound { number: "length", links: CAN, most: 8.0, what: "on CAN" }]
+            /// neither data nor replies
+            silence: Silence ("silence") {}
+            /// the bytes that a receiver at the link's rate reads when they are sent at another
+            baud_mismatch: BaudMismatch ("baud-mismatch", unable: &[(Transport::Can, NO_BAUD_CAN), (Transport::Tcp, NO_BAUD_TCP)]) {
+                /// rate of the sender
+                baud: required, 50.0..=4e6, "baud";
             }
-            wrong_identifier: WrongIdentifier {
-                code: "wrong-identifier",
-                meaning: "messages go out under another identifier: the frame's type, on CAN the identifier of INCREMENTS, the others behind it",
-                numbers: { identifier: u64 = ("", WHOLE, REQUIRED, 0.0, 2045.0, "type 0…255, on CAN 0…2045") },
-                bounds: &[Bound { number: "identifier", links: BYTE_STREAMS, most: 255.0, what: "on a link of bytes" }]
+            /// replies, and what was polled, are late
+            reply_late: ReplyLate ("reply-late") {
+                /// how late
+                delay_s: required, 0.001..=60.0, "s";
             }
-            babble: Babble {
-                code: "babble",
-                meaning: "nonsense between the samples: bytes, on CAN frames of any identifier",
-                numbers: {
-                    amount: u64 = ("", WHOLE, DefaultValue::Value(16.0), 1.0, 1000.0, "bytes or frames in each sample interval")
-                }
-            }
-            silence: Silence { code: "silence", meaning: "neither data nor replies", numbers: {} }
-            baud_mismatch: BaudMismatch {
-                code: "baud-mismatch",
-                meaning: "the bytes that a receiver at the link's rate reads when they are sent at another",
-                numbers: { baud: f64 = ("baud", REAL, REQUIRED, 50.0, 4e6, "rate of the sender") },
-                unable: &[(Transport::Can, NO_BAUD_CAN), (Transport::Tcp, NO_BAUD_TCP)]
-            }
-            reply_late: ReplyLate {
-                code: "reply-late",
-                meaning: "replies, and what was polled, are late",
-                numbers: { delay_s: f64 = ("s", REAL, REQUIRED, MIN_DELAY_S, 60.0, "how late") }
-            }
-            reply_missing: ReplyMissing {
-                code: "reply-missing",
-                meaning: "commands act, and get no reply",
-                numbers: {}
-            }
+            /// commands act, and get no reply
+            reply_missing: ReplyMissing ("reply-missing") {}
         }
     };
 }
 
 macro_rules! declare {
-    ($($module:ident: $fault:ident {
-        code: $code:literal,
-        meaning: $meaning:literal,
-        numbers: {
-            $($number:ident: $type:ty = ($unit:literal, $form:expr, $default:expr, $min:expr, $max:expr, $text:literal)),*
-        }
-        $(, $field:ident: $value:expr)*
+    ($($(#[doc = $meaning:literal])* $module:ident: $fault:ident ($code:literal $(, $field:ident: $value:expr)*) {
+        $($numbers:tt)*
     })*) => {
         $(
-            #[doc = $meaning]
-            #[derive(Debug, Clone, Copy, PartialEq)]
-            pub struct $fault {
-                $(#[doc = $text] pub $number: $type),*
-            }
-
-            impl $fault {
-                fn action(numbers: &[f64]) -> FaultAction {
-                    let mut _numbers = numbers.iter();
-                    FaultAction::Link(LinkFault::$fault($fault { $($number: next(&mut _numbers) as $type),* }))
-                }
-            }
+            numbers! { $(#[doc = $meaning])* pub struct $fault { $($numbers)* } }
         )*
 
         /// A fault of a link.
         #[derive(Debug, Clone, Copy, PartialEq)]
         pub enum LinkFault {
-            $(#[doc = $meaning] $fault($fault)),*
+            $($(#[doc = $meaning])* $fault($fault)),*
         }
 
         /// The faults that links can have.
         pub(super) const POSSIBLE: &[FaultSpec] = &[$(FaultSpec {
             $($field: $value,)*
-            ..link(
-                $code,
-                $meaning,
-                &[$(number(stringify!($number), $unit, $form, $default, $min, $max, $text)),*],
-                $fault::action,
-            )
+            ..FaultSpec::new(Scope::Link, $code, concat!($($meaning),*).trim_ascii(), $fault::NUMBERS, |values| {
+                FaultAction::Link(LinkFault::$fault(from_values(values)))
+            })
         }),*];
     };
 }
 
 link_faults!(declare);
-
-fn next(numbers: &mut std::slice::Iter<f64>) -> f64 {
-    *numbers.next().expect("a value for each number")
-}
-
-const fn link(
-    code: &'static str,
-    meaning: &'static str,
-    numbers: &'static [ParameterSpec],
-    law: fn(&[f64]) -> FaultAction,
-) -> FaultSpec {
-    FaultSpec { scope: Scope::Link, ..FaultSpec::new(code, meaning, numbers, law) }
-}
 
 /// The faults that no link can have, with the alternatives.
 pub(super) const IMPOSSIBLE: &[FaultSpec] = &[
@@ -227,5 +163,5 @@ const fn impossible(
     meaning: &'static str,
     unable: &'static [(Transport, &'static str)],
 ) -> FaultSpec {
-    FaultSpec { unable, ..link(code, meaning, &[], |_| unreachable!("refused on every link")) }
+    FaultSpec { unable, ..FaultSpec::new(Scope::Link, code, meaning, &[], |_| unreachable!("refused on every link")) }
 }

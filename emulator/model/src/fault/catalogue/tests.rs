@@ -1,6 +1,7 @@
 //! Consistency of the catalogue.
 
 use super::*;
+use crate::parameter_spec::DefaultValue;
 
 #[test]
 fn codes_are_unique_and_numbers_within_their_limits() {

@@ -13,7 +13,8 @@ impl LinkBehaviour for Babble {
     fn noise(&self, transmissions: &mut Vec<Transmission>, frame: u64, context: &Context) {
         let mut draw = context.draw();
         let mut random = |count: u64| -> Vec<u8> { (0..count).map(|_| draw.bits() as u8).collect() };
-        let (amount, bursts) = (self.amount, self.amount.min(BURSTS));
+        let amount = self.amount as u64;
+        let bursts = amount.min(BURSTS);
         for burst in 0..bursts {
             let count = (burst + 1) * amount / bursts - burst * amount / bursts;
             let after_ns = (2 * burst as i64 + 1) * SAMPLE_INTERVAL_NS / (2 * bursts as i64);

@@ -8,7 +8,7 @@ use super::{Context, Encoding, LinkBehaviour, WireData};
 
 impl LinkBehaviour for BitFlip {
     fn encoded(&self, data: &mut Vec<WireData>, context: &Context) {
-        let is_after_crc = self.crc == 0;
+        let is_after_crc = self.crc == 0.0;
         let is_serial = matches!(context.encoding, Encoding::Serial { .. });
         // Candidate bits: message, byte, bit.
         let mut places = Vec::new();
@@ -22,7 +22,7 @@ impl LinkBehaviour for BitFlip {
             places.extend(covered.flat_map(|byte| (0..8).map(move |bit| (index, byte, bit))));
         }
         let mut draw = context.draw();
-        for _ in 0..self.bits.min(places.len() as u64) {
+        for _ in 0..(self.bits as u64).min(places.len() as u64) {
             let (index, byte, bit) = places.swap_remove((draw.uniform() * places.len() as f64) as usize);
             let mut bytes = data[index].bytes().to_vec();
             bytes[byte] ^= 1 << bit;

@@ -8,7 +8,7 @@ impl LinkBehaviour for ExtraBytes {
     fn first(&self, data: &mut WireData, context: &Context) {
         if let WireData::Bytes(own) = data {
             let mut draw = context.draw();
-            own.splice(..0, (0..self.bytes).map(|_| draw.bits() as u8));
+            own.splice(..0, (0..self.bytes as u64).map(|_| draw.bits() as u8));
         }
     }
 }

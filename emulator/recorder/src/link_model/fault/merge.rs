@@ -6,7 +6,8 @@ use super::{Context, LinkBehaviour, Schedule};
 
 impl LinkBehaviour for Merge {
     fn schedule(&self, schedule: &mut Schedule, context: &Context) {
-        let held = self.frames - 1 - context.acting.elapsed % self.frames;
+        let frames = self.frames as u64;
+        let held = frames - 1 - context.acting.elapsed % frames;
         schedule.transmissions.iter_mut().for_each(|it| it.frame += held);
     }
 }

@@ -16,7 +16,7 @@ use geu_protocol::serial::{self, OVERHEAD};
 use super::transmission::{Encoding, Transmission, WireData};
 
 macro_rules! modules {
-    ($($module:ident: $fault:ident $spec:tt)*) => {
+    ($($(#[$doc:meta])* $module:ident: $fault:ident $spec:tt $numbers:tt)*) => {
         $(mod $module;)*
 
         fn behaviour(fault: &LinkFault) -> &dyn LinkBehaviour {

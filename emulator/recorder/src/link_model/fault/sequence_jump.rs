@@ -8,6 +8,6 @@ use super::LinkBehaviour;
 
 impl LinkBehaviour for SequenceJump {
     fn sample(&self, sample: Sample, _: &ActiveFault) -> Option<Sample> {
-        Some(Sample { sequence: sample.sequence.wrapping_add(self.by as u16), ..sample })
+        Some(Sample { sequence: sample.sequence.wrapping_add(self.by as i64 as u16), ..sample })
     }
 }
