@@ -3,32 +3,25 @@
 //! A field is a type with access to its value in [`Sample`] and its encoding; a message (see
 //! [`crate::message`]) is a list of such types.
 
+use crate::named;
+
 /// Cycles of the nominal 1 MHz unit clock in one sample interval.
 pub const CLOCK_PER_SAMPLE: u64 = 500_000;
 /// The clock count is a 48-bit number.
 pub const CLOCK_MODULUS: u64 = 1 << 48;
 
-/// The four gyros, in wire order.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Gyro {
-    X,
-    Y,
-    Za,
-    Zb,
+named! {
+    /// The four gyros, in wire order.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+    pub enum Gyro {
+        X = "GYRX",
+        Y = "GYRY",
+        Za = "GYRZA",
+        Zb = "GYRZB",
+    }
 }
 
 impl Gyro {
-    /// All four, in wire order.
-    pub const ALL: [Gyro; 4] = [Gyro::X, Gyro::Y, Gyro::Za, Gyro::Zb];
-
-    pub const fn name(self) -> &'static str {
-        ["GYRX", "GYRY", "GYRZA", "GYRZB"][self as usize]
-    }
-
-    pub fn from_name(name: &str) -> Option<Gyro> {
-        Gyro::ALL.into_iter().find(|gyro| gyro.name() == name)
-    }
-
     /// Bit of this gyro in a four-gyro mask (bit 0 is GYRX).
     pub const fn bit(self) -> u8 {
         1 << self as u8
@@ -54,17 +47,19 @@ pub struct Sample {
     pub sensor_centi_c: i16,
 }
 
-/// Encoding of a number on the wire; all are big-endian, signed ones two's complement.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum WireType {
-    /// Unsigned, 1 byte.
-    U8,
-    /// Unsigned, 2 bytes.
-    U16,
-    /// Signed, 2 bytes.
-    I16,
-    /// Unsigned, 6 bytes.
-    U48,
+named! {
+    /// Encoding of a number on the wire; all are big-endian, signed ones two's complement.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum WireType {
+        /// Unsigned, 1 byte.
+        U8 = "u8",
+        /// Unsigned, 2 bytes.
+        U16 = "u16",
+        /// Signed, 2 bytes.
+        I16 = "i16",
+        /// Unsigned, 6 bytes.
+        U48 = "u48",
+    }
 }
 
 impl WireType {
@@ -85,16 +80,6 @@ impl WireType {
     pub const fn limits(self) -> (i64, i64) {
         let bits = 8 * self.length() as u32;
         if self.signed() { (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) } else { (0, (1 << bits) - 1) }
-    }
-
-    /// `u8`, `u16`, `i16`, `u48`, as the interface control document writes it.
-    pub const fn name(self) -> &'static str {
-        match self {
-            WireType::U8 => "u8",
-            WireType::U16 => "u16",
-            WireType::I16 => "i16",
-            WireType::U48 => "u48",
-        }
     }
 
     /// The number in the first bytes of `bytes`.

@@ -25,8 +25,10 @@ pub mod excerpt;
 pub mod field;
 pub mod hex;
 pub mod message;
+mod named;
 pub mod serial;
 pub mod suggestion;
+pub mod template;
 
 pub use can::{Assembler, CanFrame, CanIdMap};
 pub use command::{Command, CommandResult, Reply};

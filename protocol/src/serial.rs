@@ -7,6 +7,7 @@ use crate::command::{COMMAND_LENGTHS, COMMAND_SERIAL, REPLY_LENGTHS, REPLY_SERIA
 use crate::crc::crc16;
 use crate::field::Sample;
 use crate::message::{Data, Message, MessageId};
+use crate::named;
 
 /// First two bytes of every frame.
 pub const SYNC: [u8; 2] = [0xEB, 0x90];
@@ -100,32 +101,22 @@ pub fn read_data(payload: &[u8]) -> Sample {
     sample
 }
 
-/// Reason why bytes after a sync are no frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum SerialDefect {
-    /// Type byte that is not DATA, COMMAND or REPLY.
-    UnknownType,
-    /// Length that the type does not have.
-    WrongLength,
-    /// CRC that does not match.
-    CrcMismatch,
-    /// The bytes end inside the frame.
-    Cut,
+named! {
+    /// Reason why bytes after a sync are no frame.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+    pub enum SerialDefect {
+        /// Type byte that is not DATA, COMMAND or REPLY.
+        UnknownType = "unknown-type",
+        /// Length that the type does not have.
+        WrongLength = "wrong-length",
+        /// CRC that does not match.
+        CrcMismatch = "crc-mismatch",
+        /// The bytes end inside the frame.
+        Cut = "cut",
+    }
 }
 
 impl SerialDefect {
-    pub const ALL: [SerialDefect; 4] =
-        [SerialDefect::UnknownType, SerialDefect::WrongLength, SerialDefect::CrcMismatch, SerialDefect::Cut];
-
-    pub const fn name(self) -> &'static str {
-        match self {
-            SerialDefect::UnknownType => "unknown-type",
-            SerialDefect::WrongLength => "wrong-length",
-            SerialDefect::CrcMismatch => "crc-mismatch",
-            SerialDefect::Cut => "cut",
-        }
-    }
-
     /// Number of bytes from a sync on that show this defect.
     fn length(self, bytes: &[u8]) -> usize {
         match self {

@@ -4,45 +4,28 @@ use super::{LENGTH, Role, STATUS_COVERED, status_crc};
 use crate::continuity::ClockCheck;
 use crate::field::Sample;
 use crate::message::{Clock, Increments, Message, Status};
+use crate::named;
 
-/// Defect of a message of the unit.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum CanDefect {
-    /// INCREMENTS, STATUS or CLOCK that is not eight bytes long.
-    WrongLength,
-    /// INCREMENTS without a STATUS before the next INCREMENTS.
-    IncrementsWithoutStatus,
-    /// STATUS without INCREMENTS before it.
-    StatusWithoutIncrements,
-    /// INCREMENTS and STATUS with a wrong CRC; neither is used.
-    CrcMismatch,
-    /// CLOCK without a good STATUS before it.
-    ClockWithoutStatus,
-    /// CLOCK with a count that did not advance by 500 000 per sequence step.
-    ClockInconsistent,
+named! {
+    /// Defect of a message of the unit.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+    pub enum CanDefect {
+        /// INCREMENTS, STATUS or CLOCK that is not eight bytes long.
+        WrongLength = "wrong-length",
+        /// INCREMENTS without a STATUS before the next INCREMENTS.
+        IncrementsWithoutStatus = "increments-without-status",
+        /// STATUS without INCREMENTS before it.
+        StatusWithoutIncrements = "status-without-increments",
+        /// INCREMENTS and STATUS with a wrong CRC; neither is used.
+        CrcMismatch = "crc-mismatch",
+        /// CLOCK without a good STATUS before it.
+        ClockWithoutStatus = "clock-without-status",
+        /// CLOCK with a count that did not advance by 500 000 per sequence step.
+        ClockInconsistent = "clock-inconsistent",
+    }
 }
 
 impl CanDefect {
-    pub const ALL: [CanDefect; 6] = [
-        CanDefect::WrongLength,
-        CanDefect::IncrementsWithoutStatus,
-        CanDefect::StatusWithoutIncrements,
-        CanDefect::CrcMismatch,
-        CanDefect::ClockWithoutStatus,
-        CanDefect::ClockInconsistent,
-    ];
-
-    pub const fn name(self) -> &'static str {
-        match self {
-            CanDefect::WrongLength => "wrong-length",
-            CanDefect::IncrementsWithoutStatus => "increments-without-status",
-            CanDefect::StatusWithoutIncrements => "status-without-increments",
-            CanDefect::CrcMismatch => "crc-mismatch",
-            CanDefect::ClockWithoutStatus => "clock-without-status",
-            CanDefect::ClockInconsistent => "clock-inconsistent",
-        }
-    }
-
     /// Number of frames of one such defect.
     pub const fn frames(self) -> u64 {
         if matches!(self, CanDefect::CrcMismatch) { 2 } else { 1 }

@@ -1,14 +1,13 @@
 //! The messages and signals of the CAN database (`geu.dbc`), as cantools, SavvyCAN and Vector's tools read it.
 
-use upon::Value;
-
-use super::map;
 use crate::can::CanIdMap;
 use crate::command::{
     ArgumentSpec, COMMAND_CAN, COMMAND_LENGTHS, COMMANDS, CommandResult, CommandSpec, REPLY_CAN, REPLY_LENGTHS,
 };
 use crate::field::{Bit, FieldSpec, WireType};
+use crate::map;
 use crate::message::{MESSAGES, MessageId, MessageSpec};
+use crate::template::Value;
 
 /// One `SG_` line and the other attributes of the signal.
 struct Signal {

@@ -11,31 +11,22 @@
 mod dbc;
 mod tables;
 
-use upon::{Engine, Value};
-
 use crate::can::CanIdMap;
-
-/// A [`Value`] with these keys.
-macro_rules! map {
-    ($($key:ident: $value:expr),* $(,)?) => {
-        upon::Value::from([$((stringify!($key), upon::Value::from($value))),*])
-    };
-}
-use map;
+use crate::template::{engine, filled};
 
 /// The CAN database for identifiers at `plan`.
 pub fn dbc(plan: CanIdMap) -> String {
-    filled(include_str!("template.dbc"), &dbc::tables(plan))
+    filled(&engine(), include_str!("template.dbc"), &dbc::tables(plan))
 }
 
 /// The header for on-board software, in C.
 pub fn header() -> String {
-    filled(include_str!("template.h"), &tables::tables())
+    filled(&engine(), include_str!("template.h"), &tables::tables())
 }
 
 /// The dissector for Wireshark.
 pub fn dissector() -> String {
-    filled(include_str!("template.lua"), &tables::tables())
+    filled(&engine(), include_str!("template.lua"), &tables::tables())
 }
 
 const BEGIN: &str = "<!-- generated: ";
@@ -46,7 +37,7 @@ const END: &str = "<!-- end -->";
 /// # Panics
 /// For a section that the template does not have, or that is not closed: both are part of this crate.
 pub fn icd() -> String {
-    refreshed(include_str!("../../ICD.md"), &filled(include_str!("template.md"), &tables::tables()))
+    refreshed(include_str!("../../ICD.md"), &filled(&engine(), include_str!("template.md"), &tables::tables()))
 }
 
 /// `document` with each marked section as in `sections`.
@@ -61,15 +52,6 @@ fn refreshed(document: &str, sections: &str) -> String {
         text += &format!("{BEGIN}{}{prose}", section.trim_end());
     }
     text
-}
-
-fn filled(template: &str, tables: &Value) -> String {
-    let mut engine = Engine::new();
-    engine.add_filter("hex", |number: i64| format!("{number:02X}"));
-    engine.add_filter("lower", str::to_lowercase);
-    engine.add_filter("constant", |text: &str| text.replace(' ', "_").to_uppercase());
-    let template = engine.compile(template).expect("the template is part of this crate");
-    template.render_from(&engine, tables).to_string().expect("the template is part of this crate")
 }
 
 #[cfg(test)]

@@ -1,8 +1,5 @@
 //! The tables of the link as values of a template.
 
-use upon::Value;
-
-use super::map;
 use crate::can::{CanIdMap, DEFAULT_BASE};
 use crate::command::{
     ArgumentSpec, COMMAND_CAN, COMMAND_LENGTHS, COMMAND_SERIAL, COMMANDS, CommandResult, CommandSpec, REPLY_CAN,
@@ -10,8 +7,10 @@ use crate::command::{
 };
 use crate::field::{Bit, CLOCK_PER_SAMPLE, CRC, FIELDS, FieldSpec, GYRO_FLAGS, Gyro, Sample, UNIT_FLAGS, WireType};
 use crate::hex::{hex, spaced_hex};
+use crate::map;
 use crate::message::{MESSAGES, MessageId, MessageSpec};
 use crate::serial::{BITS_PER_BYTE, DATA_LENGTH, DEFAULT_BAUD, FrameType, MAX_FRAME, SYNC, data_frame, frame};
+use crate::template::Value;
 
 /// All tables.
 pub(super) fn tables() -> Value {

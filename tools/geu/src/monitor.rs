@@ -1,12 +1,11 @@
 //! `geu monitor`: the values of the bench page in a terminal.
 
 use std::collections::VecDeque;
-use std::fmt::Write;
 use std::io::{IsTerminal, stdout};
 
 use clap::Args;
-use geu_protocol::Gyro;
 use geu_protocol::field::UNIT_FLAGS;
+use geu_protocol::{Gyro, map, template};
 use serde_json::Value;
 use ureq::http::Method;
 
@@ -111,69 +110,45 @@ fn line(sample: &Value) -> String {
 /// A sample on a screen.
 fn figures(sample: &Value) -> String {
     let value = |key: &str| number(&sample[key]);
-    let mut text = String::new();
-    let mode = if sample["cyclic"] == false { "polled" } else { "cyclic" };
-    let _ = writeln!(
-        text,
-        "on-board time {:.1} s   sequence {}   clock count {}   {mode}",
-        value("t_s"),
-        value("sequence"),
-        value("clock_count")
-    );
-    let _ = writeln!(
-        text,
-        "electronics {:.2} °C   sensor {:.2} °C   {}\n",
-        value("electronics_c"),
-        value("sensor_c"),
-        flags(sample)
-    );
-    let _ = writeln!(text, "gyro     count   true arcsec   difference   accumulated   flags");
+    let texts = |list: &Value| -> Vec<String> {
+        list.as_array().into_iter().flatten().filter_map(Value::as_str).map(str::to_owned).collect()
+    };
     let gyro_flags = value("gyro_flags") as u8;
-    for (index, gyro) in Gyro::ALL.into_iter().enumerate() {
+    let gyros = Gyro::ALL.into_iter().enumerate().map(|(index, gyro)| {
         let (count, truth) = (number(&sample["increments"][index]), number(&sample["true_arcsec"][index]));
-        let valid = if gyro_flags & gyro.bit() == 0 { "not valid" } else { "valid" };
-        let saturated = if gyro_flags & gyro.bit() << 4 == 0 { "" } else { ", saturated" };
-        let _ = writeln!(
-            text,
-            "{:<6} {count:+7}  {truth:+12.3}  {:+11.3}  {:+12.3}   {valid}{saturated}",
-            gyro.name(),
-            count - truth,
-            number(&sample["departure_arcsec"][index])
-        );
-    }
-    let rates: Vec<f64> = (0..3).map(|axis| number(&sample["rate_arcsec_s"][axis])).collect();
-    let _ = write!(text, "\ntrue rate  x {:+.2}  y {:+.2}  z {:+.2} arcsec/s", rates[0], rates[1], rates[2]);
-    if let (Some(theta), Some(psi)) = (sample["theta_deg"].as_f64(), sample["psi_deg"].as_f64()) {
-        let _ = write!(text, "   theta {theta:.3}°  psi {psi:.3}°");
-    }
-    let lateness = &sample["lateness"];
-    let _ = writeln!(
-        text,
-        "\nlateness   p50 {:.0} µs  p99 {:.0} µs  max {:.0} µs   late {}  missed {}\n",
-        number(&lateness["p50_us"]),
-        number(&lateness["p99_us"]),
-        number(&lateness["max_us"]),
-        value("late"),
-        value("missed")
-    );
-    let _ = writeln!(text, "serial     {}", sample["wire"]["serial"].as_str().unwrap_or_default());
-    let can: Vec<&str> = sample["wire"]["can"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
-    let _ = writeln!(text, "can        {}\n", can.join("  "));
-    for link in sample["links"].as_array().into_iter().flatten() {
-        let _ = writeln!(
-            text,
-            "link       {}: {} clients, {} sent, {} dropped, {} replies",
-            link["name"].as_str().unwrap_or_default(),
-            link["clients"],
-            link["sent"],
-            link["dropped"],
-            link["replies"]
-        );
-    }
-    for fault in sample["faults"].as_array().into_iter().flatten().filter(|fault| fault["state"] != "over") {
-        let _ = writeln!(text, "fault      {}", inject::line(fault));
-    }
-    text
+        let (difference, departure) = (count - truth, number(&sample["departure_arcsec"][index]));
+        let row = format!("{:<6} {count:+7}  {truth:+12.3}  {difference:+11.3}  {departure:+12.3}", gyro.name());
+        map! { row: row, is_valid: gyro_flags & gyro.bit() != 0, is_saturated: gyro_flags & gyro.bit() << 4 != 0 }
+    });
+    let links = sample["links"].as_array().into_iter().flatten().map(|link| {
+        let count = |key: &str| link[key].to_string();
+        map! { name: link["name"].as_str(), clients: count("clients"), sent: count("sent"), dropped: count("dropped"),
+        replies: count("replies") }
+    });
+    let faults = sample["faults"].as_array().into_iter().flatten().filter(|fault| fault["state"] != "over");
+    let lateness = |key: &str| number(&sample["lateness"][key]);
+    let values = map! {
+        t_s: value("t_s"),
+        sequence: value("sequence"),
+        clock_count: value("clock_count"),
+        is_polled: sample["cyclic"] == false,
+        electronics_c: value("electronics_c"),
+        sensor_c: value("sensor_c"),
+        flags: flags(sample),
+        gyros: gyros.collect::<template::Value>(),
+        rate: [0, 1, 2].map(|axis| number(&sample["rate_arcsec_s"][axis])),
+        has_sun: sample["theta_deg"].is_number() && sample["psi_deg"].is_number(),
+        theta_deg: value("theta_deg"),
+        psi_deg: value("psi_deg"),
+        late_us: ["p50_us", "p99_us", "max_us"].map(lateness),
+        late: value("late"),
+        missed: value("missed"),
+        serial: sample["wire"]["serial"].as_str(),
+        can: texts(&sample["wire"]["can"]).join("  "),
+        links: links.collect::<template::Value>(),
+        faults: faults.map(inject::line).collect::<template::Value>(),
+    };
+    template::filled(&template::engine(), include_str!("monitor.txt"), &values)
 }
 
 fn flags(sample: &Value) -> String {

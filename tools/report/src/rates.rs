@@ -1,14 +1,14 @@
 //! Result of a diagnosis of rates, as JSON and as text.
 
-use std::fmt::Write;
-
 use geu_diagnosis::Finding;
 use geu_model::units::ARCSEC_PER_DEG;
+use geu_protocol::map;
+use geu_protocol::template::{Value, engine, filled};
 use geu_rates::{Diagnosis, Observability, Parameter, RateResidual, Verdict, Windows};
-use serde_json::{Value, json};
+use serde_json::{Value as Json, json};
 
 /// JSON with the keys of `geu diagnose --json`. Values without a meaning for rates are null.
-pub fn json(diagnosis: &Diagnosis, findings: &[Finding]) -> Value {
+pub fn json(diagnosis: &Diagnosis, findings: &[Finding]) -> Json {
     let windows = &diagnosis.windows;
     let names = |parameter: Parameter| -> Vec<&str> {
         parameter.gyros(windows).into_iter().map(|gyro| windows.gyros[gyro].name.as_str()).collect()
@@ -56,15 +56,15 @@ pub fn json(diagnosis: &Diagnosis, findings: &[Finding]) -> Value {
     })
 }
 
-fn gap(gap: Option<&RateResidual>) -> Value {
-    let Some(gap) = gap else { return Value::Null };
+fn gap(gap: Option<&RateResidual>) -> Json {
+    let Some(gap) = gap else { return Json::Null };
     json!({ "rms_arcsec": null, "max_arcsec": null, "after_30min_arcsec": null, "reduced_chi2": gap.reduced_chi2,
             "rms_arcsec_s": gap.rms_arcsec_s, "max_arcsec_s": gap.max_arcsec_s })
 }
 
-fn observability_json(observability: &Observability, windows: &Windows) -> Value {
+fn observability_json(observability: &Observability, windows: &Windows) -> Json {
     let count = observability.parameters.len();
-    let rows = |of: &dyn Fn(usize, usize) -> f64| -> Value {
+    let rows = |of: &dyn Fn(usize, usize) -> f64| -> Json {
         (0..count).map(|row| (0..count).map(|column| of(row, column)).collect::<Vec<_>>()).collect::<Vec<_>>().into()
     };
     let sigmas = |sigmas: &[f64]| -> Vec<f64> {
@@ -123,152 +123,84 @@ fn digits(size: f64) -> usize {
 /// The result for a terminal.
 pub fn text(diagnosis: &Diagnosis, findings: &[Finding], caveat: Option<&str>) -> String {
     let windows = &diagnosis.windows;
-    let mut text = String::new();
-    if !findings.is_empty() {
-        let _ = writeln!(text, "{} faults of the telemetry:", findings.len());
-        for finding in findings {
-            let _ = writeln!(text, "  {}: {}: {}", finding.place, finding.kind, finding.text);
-        }
-        text.push('\n');
-    }
-    let _ = writeln!(
-        text,
-        "{}: {}",
-        diagnosis.verdict.name(),
-        match diagnosis.verdict {
-            Verdict::Consistent => "the gyros and the reference differ only by noise.",
-            Verdict::Explained => "the residual is noise with the errors below.",
-            Verdict::Unexplained => "the gyros and the reference differ by more than noise and the errors below.",
-        }
-    );
-    for found in &diagnosis.errors {
-        let (parameter, share) = (found.parameter, 100.0 * found.gap_share);
-        let value = with_sigma(parameter, found.value, found.sigma);
-        let _ = writeln!(text, "  {}: {value}; {share:.0} % of the gap.", parameter.words(windows));
-        for alternative in found.alternatives.iter().filter(|own| own.is_indistinguishable()) {
-            let (words, more) = (alternative.parameter.words(windows), alternative.chi2_more.unwrap_or(0.0));
-            let _ = writeln!(
-                text,
-                "    not distinguishable from {words}: cosine {:.4}, χ² changes by {more:+.1} with that instead.",
-                alternative.cosine
-            );
-        }
-    }
-    if let Some(caveat) = caveat {
-        let _ = writeln!(text, "  Note on the reference: {caveat}");
-    }
-    noise_text(&mut text, diagnosis);
+    let finding = |own: &Finding| map! { place: own.place.as_str(), kind: own.kind.as_str(), text: own.text.as_str() };
+    let errors = diagnosis.errors.iter().map(|found| {
+        let alternatives = found.alternatives.iter().filter(|own| own.is_indistinguishable()).map(|own| {
+            map! { words: own.parameter.words(windows), cosine: own.cosine, more: own.chi2_more.unwrap_or(0.0) }
+        });
+        map! { words: found.parameter.words(windows), value: with_sigma(found.parameter, found.value, found.sigma),
+        share: 100.0 * found.gap_share, alternatives: alternatives.collect::<Value>() }
+    });
+    let channels = diagnosis.noise.channels.iter().enumerate().map(|(index, channel)| {
+        let gyro = (!windows.is_magnitude()).then(|| windows.gyros[index].name.clone());
+        map! { gyro: gyro, sigma: rate(channel.sigma_arcsec_s), correlation: channel.correlation,
+        between: rate(channel.between_arcsec_s) }
+    });
+    let searched = diagnosis.searched.iter();
     // One unit for the table.
     let (size, unit) = unit(Parameter::Bias(0), diagnosis.before.rms_arcsec_s);
     let digits = digits(size * diagnosis.after.rms_arcsec_s) + 1;
     let shown = |rate_arcsec_s: f64| format!("{:.digits$}", size * rate_arcsec_s);
-    let name = format!("rms gap, {unit}");
-    let _ = writeln!(text, "\n{name:<20} {:>8} {:>10} {:>10} {:>10}", "windows", "before", "fitted", "held out");
-    let mut row = |name: &str, count: usize, before: f64, after: f64, held_out: Option<f64>| {
+    let row = |name: &str, count: usize, before: f64, after: f64, held_out: Option<f64>| {
         let held_out = held_out.map_or("–".to_owned(), shown);
-        let _ = writeln!(text, "{name:<20} {count:>8} {:>10} {:>10} {held_out:>10}", shown(before), shown(after));
+        format!("{name:<20} {count:>8} {:>10} {:>10} {held_out:>10}", shown(before), shown(after))
     };
-    for group in &diagnosis.groups {
-        row(&group.group, group.windows, group.before_arcsec_s, group.after_arcsec_s, group.held_out_arcsec_s);
-    }
-    let held_out = diagnosis.held_out.map(|gap| gap.rms_arcsec_s);
-    row("all", windows.all().len(), diagnosis.before.rms_arcsec_s, diagnosis.after.rms_arcsec_s, held_out);
-    for group in &diagnosis.groups {
-        if let Some(held_out) = group.held_out_arcsec_s.filter(|held_out| *held_out > group.before_arcsec_s) {
-            let _ = writeln!(
-                text,
-                "{} is predicted worse from the others than without any error: {} instead of {}.",
-                group.group,
-                rate(held_out),
-                rate(group.before_arcsec_s)
-            );
-        }
-    }
-    if let Some(observability) = &diagnosis.observability {
-        observability_text(&mut text, observability, windows);
-    }
-    text.truncate(text.trim_end().len());
-    text
+    let groups = diagnosis.groups.iter().map(|own| {
+        let worse = own.held_out_arcsec_s.filter(|held_out| *held_out > own.before_arcsec_s);
+        map! { name: own.group.as_str(), worse: worse.map(rate), before: rate(own.before_arcsec_s),
+        row: row(&own.group, own.windows, own.before_arcsec_s, own.after_arcsec_s, own.held_out_arcsec_s) }
+    });
+    let (count, held_out) = (windows.all().len(), diagnosis.held_out.map(|gap| gap.rms_arcsec_s));
+    let values = map! {
+        findings: findings.iter().map(finding).collect::<Value>(),
+        count: findings.len() as u32,
+        verdict: diagnosis.verdict.name(),
+        is_consistent: diagnosis.verdict == Verdict::Consistent,
+        is_explained: diagnosis.verdict == Verdict::Explained,
+        errors: errors.collect::<Value>(),
+        caveat: caveat,
+        channels: channels.collect::<Value>(),
+        is_slow: diagnosis.is_slow,
+        offsets: [diagnosis.offsets.0, diagnosis.offsets.1],
+        searched: searched.map(|(count, limit)| map! { count: *count as u32, limit: *limit }).collect::<Value>(),
+        unit: format!("{:<20}", format!("rms gap, {unit}")),
+        groups: groups.collect::<Value>(),
+        all: row("all", count, diagnosis.before.rms_arcsec_s, diagnosis.after.rms_arcsec_s, held_out),
+        observability: diagnosis.observability.as_ref().map(|own| observability_values(own, windows)),
+    };
+    filled(&engine(), include_str!("rates.txt"), &values).trim_end().to_owned()
 }
 
-fn noise_text(text: &mut String, diagnosis: &Diagnosis) {
-    let windows = &diagnosis.windows;
-    for (index, channel) in diagnosis.noise.channels.iter().enumerate() {
-        let gyro = if windows.is_magnitude() { String::new() } else { format!(" of {}", windows.gyros[index].name) };
-        let _ = writeln!(
-            text,
-            "\nNoise{gyro}, estimated within groups without the mean of each group and all errors: {} a window, \
-             correlation {:.2} of successive windows; {} between groups, which sigmas include if it exceeds noise.",
-            rate(channel.sigma_arcsec_s),
-            channel.correlation,
-            rate(channel.between_arcsec_s)
-        );
-    }
-    if diagnosis.is_slow {
-        let _ = writeln!(
-            text,
-            "That correlation is the largest allowed: slower noise within a group is not distinguishable from an \
-             offset of the group, and sigmas may be too small."
-        );
-    }
-    let (offsets, threshold) = diagnosis.offsets;
-    let _ = writeln!(
-        text,
-        "An offset of every group would reduce χ² by {offsets:.1}; noise alone may give {threshold:.1}."
-    );
-    for (tried, threshold) in &diagnosis.searched {
-        let _ = writeln!(text, "Searched {tried} sets of errors; threshold of the χ² reduction: {threshold:.1}.");
-    }
-}
-
-fn observability_text(text: &mut String, observability: &Observability, windows: &Windows) {
-    let words: Vec<String> = observability.parameters.iter().map(|parameter| parameter.words(windows)).collect();
-    let _ = writeln!(text, "\nObservability, all parameters free:");
-    let _ = writeln!(text, "{:<18} {:>14} {:>14} {:>8}   correlations", "", "sigma alone", "all free", "factor");
-    for (index, parameter) in observability.parameters.iter().enumerate() {
-        let (alone, free) = (observability.sigmas_alone[index], observability.sigmas_free[index]);
-        let correlations = observability
-            .correlations
-            .as_ref()
+fn observability_values(own: &Observability, windows: &Windows) -> Value {
+    let words: Vec<String> = own.parameters.iter().map(|parameter| parameter.words(windows)).collect();
+    let best = own.manoeuvres.first();
+    let parameters = own.parameters.iter().enumerate().map(|(index, parameter)| {
+        let (alone, free) = (own.sigmas_alone[index], own.sigmas_free[index]);
+        let correlations = own.correlations.as_ref();
+        let correlations = correlations
             .map(|own| own.row(index).iter().map(|value| format!("{value:>+7.3}")).collect::<Vec<_>>().join(" "));
-        let _ = writeln!(
-            text,
-            "{:<18} {:>14} {:>14} {:>8.1}   {}",
+        let (now, then) = (sigma(*parameter, free), best.map(|best| sigma(*parameter, best.sigmas_free[index])));
+        let row = format!(
+            "{:<18} {:>14} {now:>14} {:>8.1}   {}",
             words[index],
             sigma(*parameter, alone),
-            sigma(*parameter, free),
             free / alone,
             correlations.unwrap_or_else(|| "–".to_owned())
         );
-    }
-    let _ = writeln!(text, "Condition number of the signatures: {:.0}.", observability.condition);
-    for one in 0..words.len() {
-        for other in one + 1..words.len() {
-            let cosine = observability.cosines[(one, other)];
-            let _ = write!(text, "{} and {}: cosine {cosine:+.3}", words[one], words[other]);
-            let best = observability
-                .manoeuvres
-                .iter()
-                .min_by(|a, b| a.cosines[(one, other)].abs().total_cmp(&b.cosines[(one, other)].abs()));
-            if let Some(manoeuvre) = best.filter(|own| own.cosines[(one, other)].abs() < 0.9 * cosine.abs()) {
-                let (spin, count) = (spin(manoeuvre.spin_arcsec_s), manoeuvre.windows);
-                let _ = write!(
-                    text,
-                    "; {count} windows of {spin} would bring it to {:+.2}",
-                    manoeuvre.cosines[(one, other)]
-                );
-            }
-            let _ = writeln!(text, ".");
-        }
-    }
-    if let Some(best) = observability.manoeuvres.first() {
-        let _ = writeln!(text, "Of the spins simulated, {} helps most: with all free", spin(best.spin_arcsec_s));
-        for (index, parameter) in observability.parameters.iter().enumerate() {
-            let (now, then) =
-                (sigma(*parameter, observability.sigmas_free[index]), sigma(*parameter, best.sigmas_free[index]));
-            let _ = writeln!(text, "  {} would be known to {then} instead of {now}.", words[index]);
-        }
-    }
+        map! { row: row, words: words[index].as_str(), now: now, then: then }
+    });
+    let pairs = (0..words.len()).flat_map(|one| (one + 1..words.len()).map(move |other| (one, other)));
+    let pairs = pairs.map(|pair| {
+        let cosine = own.cosines[pair];
+        let manoeuvres = own.manoeuvres.iter();
+        let best = manoeuvres.min_by(|a, b| a.cosines[pair].abs().total_cmp(&b.cosines[pair].abs()));
+        let best = best.filter(|best| best.cosines[pair].abs() < 0.9 * cosine.abs()).map(|best| {
+            map! { count: best.windows as u32, spin: spin(best.spin_arcsec_s), cosine: best.cosines[pair] }
+        });
+        map! { one: words[pair.0].as_str(), other: words[pair.1].as_str(), cosine: cosine, best: best }
+    });
+    map! { parameters: parameters.collect::<Value>(), condition: own.condition, pairs: pairs.collect::<Value>(),
+    best: best.map(|best| spin(best.spin_arcsec_s)) }
 }
 
 /// `a spin of 46 deg/s about -X`.

@@ -1,8 +1,8 @@
 //! The record of a run in a configuration: the data that repeat it.
 
-use geu_protocol::CanIdMap;
 use geu_protocol::command::hex;
 use geu_protocol::hex::read_hex;
+use geu_protocol::{CanIdMap, named};
 use serde_json::{Map, Value as Json, json};
 
 use super::document::{Node, Read};
@@ -37,25 +37,14 @@ pub struct RecordedCommand {
     pub payload: Vec<u8>,
 }
 
-/// Format of the link log of a recording.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum LinkLogFormat {
-    /// `link.log`, as `candump -l` writes.
-    #[default]
-    Can,
-    Serial,
-}
-
-impl LinkLogFormat {
-    /// Names in configuration and command line, in order.
-    pub const NAMES: [&str; 2] = ["can", "serial"];
-
-    pub fn from_name(name: &str) -> Option<LinkLogFormat> {
-        [LinkLogFormat::Can, LinkLogFormat::Serial].into_iter().find(|format| format.name() == name)
-    }
-
-    pub fn name(self) -> &'static str {
-        LinkLogFormat::NAMES[self as usize]
+named! {
+    /// Format of the link log of a recording.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+    pub enum LinkLogFormat {
+        /// `link.log`, as `candump -l` writes.
+        #[default]
+        Can = "can",
+        Serial = "serial",
     }
 }
 

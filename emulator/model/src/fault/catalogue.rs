@@ -5,56 +5,38 @@ pub mod link_fault;
 
 use std::sync::LazyLock;
 
-use geu_protocol::Gyro;
+use geu_protocol::{Gyro, named};
 
 use crate::fault::ParameterRef;
 use crate::parameter_spec::{ParameterSet, ParameterSpec, named_gyro, numbers};
 use crate::time_profile::{self, TimeProfile};
 pub use link_fault::LinkFault;
 
-/// A kind of link.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Transport {
-    /// A pty.
-    Pty,
-    /// A serial port.
-    Serial,
-    /// A CAN interface.
-    Can,
-    /// TCP.
-    Tcp,
-}
-
-impl Transport {
-    /// All, in the order of [`Transport::NAMES`].
-    pub const ALL: [Transport; 4] = [Transport::Pty, Transport::Serial, Transport::Can, Transport::Tcp];
-    /// Names in plans and on the command line.
-    pub const NAMES: [&str; 4] = ["pty", "serial", "can", "tcp"];
-
-    pub fn name(self) -> &'static str {
-        Transport::NAMES[self as usize]
-    }
-
-    /// The kind of that name.
-    pub fn from_name(name: &str) -> Option<Transport> {
-        Transport::ALL.into_iter().find(|kind| kind.name() == name)
+named! {
+    /// A kind of link.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+    pub enum Transport {
+        /// A pty.
+        Pty = "pty",
+        /// A serial port.
+        Serial = "serial",
+        /// A CAN interface.
+        Can = "can",
+        /// TCP.
+        Tcp = "tcp",
     }
 }
 
-/// The target of a fault.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Scope {
-    /// One gyro.
-    Gyro,
-    /// The whole unit.
-    Unit,
-    /// Links.
-    Link,
-}
-
-impl Scope {
-    pub fn name(self) -> &'static str {
-        ["gyro", "unit", "link"][self as usize]
+named! {
+    /// The target of a fault.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub enum Scope {
+        /// One gyro.
+        Gyro = "gyro",
+        /// The whole unit.
+        Unit = "unit",
+        /// Links.
+        Link = "link",
     }
 }
 
@@ -71,21 +53,15 @@ pub enum GyroFault {
     SpinDown { coast_s: f64 },
 }
 
-/// Distribution of the size of a spike.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[allow(missing_docs)]
-pub enum SpikeLaw {
-    Constant,
-    Alternating,
-    Uniform,
-    Normal,
-}
-
-impl SpikeLaw {
-    const NAMES: &[&str] = &["constant", "alternating", "uniform", "normal"];
-
-    fn at(index: f64) -> SpikeLaw {
-        [SpikeLaw::Constant, SpikeLaw::Alternating, SpikeLaw::Uniform, SpikeLaw::Normal][index as usize]
+named! {
+    /// Distribution of the size of a spike.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    #[allow(missing_docs)]
+    pub enum SpikeLaw {
+        Constant = "constant",
+        Alternating = "alternating",
+        Uniform = "uniform",
+        Normal = "normal",
     }
 }
 
@@ -296,8 +272,8 @@ const GYRO_AND_UNIT: &[FaultSpec] = fault_specs! {
         /// size: the value, the largest, or the deviation
         counts: required, -65535.0..=65535.0, "counts";
         /// how the size is drawn
-        law: 0.0, 0.0..=3.0, "", Choice(SpikeLaw::NAMES);
-    } => FaultAction::Head(GyroFault::Spike { counts, law: SpikeLaw::at(law) });
+        law: 0.0, 0.0..=3.0, "", Choice(&SpikeLaw::NAMES);
+    } => FaultAction::Head(GyroFault::Spike { counts, law: SpikeLaw::ALL[law as usize] });
     /// any 16 bits, flagged as if they were right
     "garbage" (Gyro) {} => FaultAction::Head(GyroFault::Garbage);
     /// the largest increment, flagged saturated

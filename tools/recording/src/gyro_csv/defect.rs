@@ -1,7 +1,5 @@
 //! Defects of a CSV of gyros.
 
-use std::fmt;
-
 use super::RateSample;
 
 /// Rows within which the mirror image of a step of time is searched.
@@ -14,33 +12,28 @@ pub struct GyroCsvDefect {
     pub kind: GyroCsvDefectKind,
 }
 
-/// Kind of a defect; [`fmt::Display`] writes expected and got.
-#[derive(Debug, Clone, PartialEq)]
+/// Kind of a defect; [`std::fmt::Display`] writes expected and got.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum GyroCsvDefectKind {
     /// A field that is no number; the row is no sample.
-    NotANumber {
-        column: String,
-        got: String,
-    },
+    #[error("{column}: expected a number, got {got:?}")]
+    NotANumber { column: String, got: String },
     /// A row with more or fewer fields than the header; no sample.
-    Fields {
-        expected: usize,
-        got: usize,
-    },
+    #[error("expected {expected} fields, got {got}")]
+    Fields { expected: usize, got: usize },
+    #[error("expected the next row at the interval, got a gap of {length_s} s")]
     Gap {
         /// Since the row before.
         length_s: f64,
     },
     /// The stamp of the row before, again.
+    #[error("expected a new time, got the one before again")]
     Repeat,
-    Backwards {
-        by_s: f64,
-    },
+    #[error("expected time to rise, got {by_s} s back")]
+    Backwards { by_s: f64 },
     /// The stamps of this row and of those after it have an offset.
-    Glitch {
-        rows: usize,
-        offset_s: f64,
-    },
+    #[error("expected time to go on, got {rows} rows stamped {offset_s:+} s beside it")]
+    Glitch { rows: usize, offset_s: f64 },
 }
 
 impl GyroCsvDefectKind {
@@ -52,23 +45,6 @@ impl GyroCsvDefectKind {
             GyroCsvDefectKind::Repeat => "repeated-stamp",
             GyroCsvDefectKind::Backwards { .. } => "time-backwards",
             GyroCsvDefectKind::Glitch { .. } => "time-glitch",
-        }
-    }
-}
-
-impl fmt::Display for GyroCsvDefectKind {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        match self {
-            GyroCsvDefectKind::NotANumber { column, got } => write!(f, "{column}: expected a number, got {got:?}"),
-            GyroCsvDefectKind::Fields { expected, got } => write!(f, "expected {expected} fields, got {got}"),
-            GyroCsvDefectKind::Gap { length_s } => {
-                write!(f, "expected the next row at the interval, got a gap of {length_s} s")
-            }
-            GyroCsvDefectKind::Repeat => write!(f, "expected a new time, got the one before again"),
-            GyroCsvDefectKind::Backwards { by_s } => write!(f, "expected time to rise, got {by_s} s back"),
-            GyroCsvDefectKind::Glitch { rows, offset_s } => {
-                write!(f, "expected time to go on, got {rows} rows stamped {offset_s:+} s beside it")
-            }
         }
     }
 }

@@ -18,17 +18,7 @@ const GYRO_UNITS: [(&str, f64, bool); 8] = [
     ("deg", ARCSEC_PER_DEG, true),
     ("rad", ARCSEC_PER_RAD, true),
 ];
-const AXES: [(&str, usize, f64); 9] = [
-    ("X", 0, 1.0),
-    ("Y", 1, 1.0),
-    ("Z", 2, 1.0),
-    ("+X", 0, 1.0),
-    ("+Y", 1, 1.0),
-    ("+Z", 2, 1.0),
-    ("-X", 0, -1.0),
-    ("-Y", 1, -1.0),
-    ("-Z", 2, -1.0),
-];
+const AXES: [&str; 9] = ["X", "Y", "Z", "+X", "+Y", "+Z", "-X", "-Y", "-Z"];
 const INTERVAL: ParameterSpec =
     number("interval_s", "s", ValueFormat::Real, DefaultValue::Required, 1e-6, 1e6, "nominal interval of the rows");
 const COUNTS: ParameterSpec = number(
@@ -170,9 +160,10 @@ fn read_gyro(all: &Node, name: &str, interval_s: f64) -> Result<GyroColumn, Conf
     let node = all.table(name)?.ok_or_else(missing)?;
     node.only(&["column", "axis", "unit", COUNTS.name])?;
     let unit = node.choice("unit", &GYRO_UNITS.map(|(unit, ..)| unit))?;
-    let axis = node.choice("axis", &AXES.map(|(axis, ..)| axis))?;
+    let axis = node.choice("axis", &AXES)?;
     let (_, size, is_angle) = *GYRO_UNITS.iter().find(|(name, ..)| *name == unit).unwrap_or(&GYRO_UNITS[0]);
-    let (_, axis, sign) = *AXES.iter().find(|(name, ..)| *name == axis).unwrap_or(&AXES[0]);
+    let sign = if axis.starts_with('-') { -1.0 } else { 1.0 };
+    let axis = AXES.iter().position(|name| *name == axis).unwrap_or(0) % 3;
     let per_second = if is_angle { 1.0 / interval_s } else { 1.0 };
     let scale_arcsec_s = sign * size * per_second / node.number(&COUNTS)?;
     Ok(GyroColumn { name: name.to_owned(), column: column(&node, "column")?, axis, scale_arcsec_s })
