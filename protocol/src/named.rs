@@ -1,4 +1,4 @@
-//! Enumerations whose values have names.
+//! Enumerations with a name for each value.
 
 /// Declares an enumeration with a name for each value.
 #[macro_export]
