@@ -82,41 +82,29 @@ pub fn campaign_table(campaign: &MonteCarlo) -> String {
 pub fn precautions_table(outcomes: &[PrecautionResult]) -> String {
     let mut text = String::from("largest error of an equation with the true parameters, arcsec, and its manoeuvre\n");
     let names = Gyro::ALL.map(|gyro| format!("{:>16}", gyro.name())).join("");
-    let _ = writeln!(text, "{:<46} {:>6} {names}", "", "hours");
+    text += &format!("{:<46} {:>6} {names}\n", "", "hours");
     for outcome in outcomes {
         let errors =
             outcome.equation_arcsec.each_ref().map(|(arcsec, name)| format!("{arcsec:>+8.1} {name:<7}")).join("");
-        let _ = writeln!(text, "{:<46} {:>6.1} {errors}", outcome.what, outcome.length_s / 3600.0);
+        text += &format!("{:<46} {:>6.1} {errors}\n", outcome.what, outcome.length_s / 3600.0);
     }
-    let _ = write!(
-        text,
-        "\nerror of the parameters: scale factors in ppm, drifts in arcsec/h, misalignments in arcsec\n{:<22}",
-        ""
-    );
-    for index in 0..outcomes.len() {
-        let _ = write!(text, " {:>9}", format!("({})", index + 1));
-    }
-    let _ = writeln!(text, " {:>9}", "sigma");
+    text += "\nerror of the parameters: scale factors in ppm, drifts in arcsec/h, misalignments in arcsec\n";
+    let row = |name: &str, cell: &dyn Fn(usize, &PrecautionResult) -> String, last: Option<String>| {
+        let cells = outcomes.iter().enumerate().map(|(index, outcome)| cell(index, outcome));
+        let cells = cells.chain(last).map(|cell| format!(" {cell:>9}"));
+        format!("{name:<22}{}\n", cells.collect::<String>())
+    };
+    text += &row("", &|index, _| format!("({})", index + 1), Some("sigma".to_owned()));
     for (index, parameter) in CalibrationParameter::all().enumerate() {
         let size = scale(parameter).0;
-        let _ = write!(text, "{:<22}", parameter.label());
-        for outcome in outcomes {
-            let _ = write!(text, " {:>+9.2}", outcome.errors[index] * size);
-        }
         let sigma = outcomes.first().map_or(f64::NAN, |outcome| outcome.sigmas[index]);
-        let _ = writeln!(text, " {:>9.2}", sigma * size);
+        let error = |_, outcome: &PrecautionResult| format!("{:+.2}", outcome.errors[index] * size);
+        text += &row(&parameter.label(), &error, Some(format!("{:.2}", sigma * size)));
     }
-    let _ = write!(text, "{:<22}", "χ²");
-    for outcome in outcomes {
-        let _ = write!(text, " {:>9.1}", outcome.chi2.0);
-    }
-    let _ = write!(text, "\n{:<22}", "spare equations");
-    for outcome in outcomes {
-        let _ = write!(text, " {:>9}", outcome.chi2.1);
-    }
-    let _ = writeln!(text);
+    text += &row("χ²", &|_, outcome| format!("{:.1}", outcome.chi2.0), None);
+    text += &row("spare equations", &|_, outcome| outcome.chi2.1.to_string(), None);
     for (index, outcome) in outcomes.iter().enumerate() {
-        let _ = writeln!(text, "({}) {}", index + 1, outcome.what);
+        text += &format!("({}) {}\n", index + 1, outcome.what);
     }
     text.truncate(text.trim_end().len());
     text

@@ -2,6 +2,7 @@
 //! static. It is well-formed XML.
 
 pub(crate) use geu_chart::escape;
+use geu_protocol::template::{self, Value};
 
 pub(crate) use crate::calendar::date;
 
@@ -94,6 +95,16 @@ impl Provenance<'_> {
         let configuration = escape(configuration);
         text + &format!("</dl>\n<details>\n<summary>Configuration</summary>\n<pre>{configuration}</pre>\n</details>\n")
     }
+}
+
+/// `template` filled, with the filters of pages: `significant: n`, `signed: n`, `sigmas`, `escape`.
+pub(crate) fn filled(template: &str, values: &Value) -> String {
+    let mut engine = template::engine();
+    engine.add_filter("significant", significant);
+    engine.add_filter("signed", signed);
+    engine.add_filter("sigmas", sigmas);
+    engine.add_filter("escape", |text: &str| escape(text));
+    template::filled(&engine, template, values)
 }
 
 /// A number with `digits` significant digits and without an exponent.

@@ -5,10 +5,10 @@ use std::fmt::Write;
 
 use geu_calibration::solve::{CalibrationParameter, UNKNOWNS};
 use geu_chart::{ARROW, CROSS, Chart, DIAMOND};
-use geu_protocol::Gyro;
+use geu_protocol::{Gyro, map};
 
 use super::{CalibrationPage, position, sigma_unit};
-use crate::page::{fixed, sigmas as in_sigmas};
+use crate::page::{filled, fixed, sigmas as in_sigmas};
 
 impl CalibrationPage<'_> {
     pub(super) fn ellipses(&self) -> String {
@@ -16,29 +16,14 @@ impl CalibrationPage<'_> {
         let correlation = |a: usize, b: usize| {
             covariance[(a, b)] / (covariance[(a, a)] * covariance[(b, b)]).sqrt().max(f64::MIN_POSITIVE)
         };
-        let mut text = String::from("<h2>Covariance</h2>\n");
         let pairs = (0..UNKNOWNS).flat_map(|a| (a + 1..UNKNOWNS).map(move |b| (a, b)));
         let strongest = pairs.max_by(|&(a, b), &(c, d)| correlation(a, b).abs().total_cmp(&correlation(c, d).abs()));
         let words: Vec<String> = CalibrationParameter::all().map(CalibrationParameter::label).collect();
-        if let Some((a, b)) = strongest {
-            let _ = writeln!(
-                text,
-                "<p>For each gyro the pair that long manoeuvres correlate, scale factor and drift, and its two misalignments, as \
-                 departures from the solution: 1 sigma (39 % probability) and 2 sigma (86 %). The strongest correlation of \
-                 all is that of {} with {}, {}.</p>",
-                words[a],
-                words[b],
-                fixed(correlation(a, b), 2)
-            );
-        }
-        let _ = writeln!(
-            text,
-            "<div class=\"key\">\n<span><svg viewBox=\"-11 -7 22 14\"><path class=\"diamond\" d=\"{DIAMOND}\"/></svg>prior \
-             value</span>\n<span><svg viewBox=\"-11 -7 22 14\"><path class=\"cross\" d=\"{CROSS}\"/></svg>hand \
-             method</span>\n<span><svg viewBox=\"-16 -7 22 14\"><path class=\"diamond\" d=\"{}\"/></svg>beyond the \
-             frame, in that direction</span>\n</div>\n<div class=\"figures small\">",
-            ARROW
-        );
+        let strongest = strongest.map(|(a, b)| {
+            map! { one: words[a].as_str(), other: words[b].as_str(), rho: fixed(correlation(a, b), 2) }
+        });
+        let values = map! { strongest: strongest, diamond: DIAMOND, cross: CROSS, arrow: ARROW };
+        let mut text = filled(include_str!("covariance.html"), &values);
         for gyro in Gyro::ALL {
             for (first, second) in [(0, 1), (2, 3)] {
                 text += &self.ellipse(

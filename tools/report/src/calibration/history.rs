@@ -1,15 +1,14 @@
 //! Earlier calibrations beside this one.
 
-use std::fmt::Write;
-
 use geu_calibration::Comparison;
 use geu_calibration::compare::stability_per_day;
 use geu_calibration::solve::{CalibrationParameter, UNKNOWNS};
 use geu_chart::Chart;
+use geu_protocol::map;
 
 use super::{CalibrationPage, moved_words, percent, position, sigma_unit, value_and_unit};
 use crate::extent;
-use crate::page::{date, escape, prose, sigmas as in_sigmas, signed, significant, table};
+use crate::page::{date, escape, filled, prose, sigmas as in_sigmas, signed, significant, table};
 
 const S_PER_DAY: f64 = 86_400.0;
 
@@ -19,22 +18,14 @@ impl CalibrationPage<'_> {
         let Some(comparison) = self.comparison else {
             return text + "<p>No earlier calibration was given to compare with (<code>--compare</code>).</p>\n";
         };
-        let (tone, words) = if comparison.is_compatible() {
-            ("good", "Compatible with the earlier calibrations: no parameter changed, and all are merged.".to_owned())
-        } else {
-            (
-                "bad",
-                format!("Not compatible with the earlier calibrations, and not merged: {}.", moved_words(comparison)),
-            )
+        let values = map! {
+            is_compatible: comparison.is_compatible(),
+            moved: moved_words(comparison),
+            chi2: comparison.joint_chi2,
+            freedom: (UNKNOWNS * comparison.pairs) as u32,
+            probability: percent(comparison.joint_probability()),
         };
-        let _ = writeln!(
-            text,
-            "<div class=\"verdict {tone}\">\n<p><strong>{words}</strong></p>\n<p>χ² of all differences is {:.1} of {}; for an \
-             unchanged unit it is as large or larger in {} of comparisons.</p>\n</div>",
-            comparison.joint_chi2,
-            UNKNOWNS * comparison.pairs,
-            percent(comparison.joint_probability())
-        );
+        text += &filled(include_str!("history.html"), &values);
         let moved = comparison.moved();
         let merged = comparison.combined.values();
         let merged_sigmas = comparison.combined.sigmas();

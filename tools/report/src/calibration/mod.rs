@@ -11,14 +11,14 @@ use geu_calibration::solve::{CalibrationParameter, Solution, UNKNOWNS, values};
 use geu_calibration::{Calibrated, solve};
 use geu_model::Configuration;
 use geu_model::units::SAMPLE_INTERVAL_S;
-use geu_protocol::Gyro;
+use geu_protocol::{Gyro, map};
 
 use geu_chart::Chart;
 
 pub use text::{comparison_table, table as terminal_table};
 
 use crate::page::{
-    CHART_HINT, Provenance, date, escape, fixed, html, prose, sigmas as in_sigmas, signed, significant, table,
+    CHART_HINT, Provenance, date, escape, filled, fixed, html, prose, sigmas as in_sigmas, signed, significant, table,
 };
 
 /// A larger residual is marked; with a hundred equations noise exceeds it in a quarter of calibrations.
@@ -72,55 +72,25 @@ impl CalibrationPage<'_> {
 
     fn verdict(&self) -> String {
         let solution = self.solution();
-        let (spare, probability) = (solution.degrees_of_freedom, solution.probability());
-        let (tone, words, why) = if spare == 0 {
-            ("doubt", "Solved, and not tested.", "There are just as many equations as parameters.".to_owned())
-        } else if probability < MIN_PROBABILITY {
-            let why = "These data contain more than the calibration parameters and the configured noise: an effect that the \
-                       configuration does not have, a wrong fix, or wrong counts. The sigmas below hold for a complete model and are too small here.";
-            ("bad", "The calibration parameters do not explain these data.", why.to_owned())
-        } else if probability > 1.0 - MIN_PROBABILITY {
-            let why = "The residuals are smaller than the configured noise: noise and sigmas are too large.";
-            ("doubt", "The calibration parameters explain these data better than expected.", why.to_owned())
-        } else {
-            ("good", "The calibration parameters explain these data.", String::new())
+        let probability = solution.probability();
+        let largest = self.hand_values().and_then(|hand| {
+            let differences = hand.into_iter().zip(solution.values()).zip(solution.sigmas());
+            let in_sigmas = differences.map(|((hand, full), sigma)| (hand - full) / sigma);
+            in_sigmas.zip(CalibrationParameter::all()).max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))
+        });
+        let noise = self.calibrated.reference_sigma_arcsec;
+        let values = map! {
+            spare: solution.degrees_of_freedom as u32,
+            is_unexplained: probability < MIN_PROBABILITY,
+            is_too_good: probability > 1.0 - MIN_PROBABILITY,
+            chi2: solution.chi2,
+            probability: percent(probability),
+            condition: solution.condition,
+            largest: largest.map(|(sigmas, parameter)| map! { label: parameter.label(), sigmas: sigmas }),
+            no_hand: self.calibrated.first_order.as_ref().err().map(ToString::to_string),
+            noise: noise.iter().any(|sigma| *sigma > 0.0).then_some(noise),
         };
-        let mut text = format!("<div class=\"verdict {tone}\">\n<p><strong>{words}</strong> {why}</p>\n");
-        if spare > 0 {
-            let _ = writeln!(
-                text,
-                "<p>χ² is {:.1} of {spare} spare equations. With the right model and noise it is as large \
-                 or larger in {} of calibrations.</p>",
-                solution.chi2,
-                percent(probability)
-            );
-        }
-        let _ = writeln!(text, "<p>Condition number {:.0}.</p>", solution.condition);
-        match &self.calibrated.first_order {
-            Ok(hand) => {
-                let sigmas = solution.sigmas();
-                let differences = values(hand).into_iter().zip(solution.values()).zip(sigmas);
-                let largest = differences
-                    .map(|((hand, full), sigma)| (hand - full) / sigma)
-                    .zip(CalibrationParameter::all())
-                    .max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
-                if let Some((sigmas, parameter)) = largest {
-                    let _ = writeln!(
-                        text,
-                        "<p>The hand method, which drops products of small terms (eq 4), differs most in {}: {}.</p>",
-                        parameter.label(),
-                        in_sigmas(sigmas)
-                    );
-                }
-            }
-            Err(why) => _ = writeln!(text, "<p>No hand method: {}.</p>", escape(why)),
-        }
-        let sigma = self.calibrated.reference_sigma_arcsec;
-        if sigma.iter().any(|sigma| *sigma > 0.0) {
-            let [x, y, z] = sigma.map(|sigma| significant(sigma, 2));
-            let _ = writeln!(text, "<p>Noise of the reference: {x}, {y}, {z} arcsec about X, Y, Z.</p>");
-        }
-        text + "</div>\n"
+        filled(include_str!("verdict.html"), &values)
     }
 
     fn parameters(&self) -> String {

@@ -6,9 +6,10 @@ use geu_calibration::compare::{MIN_PROBABILITY, stability_per_day};
 use geu_calibration::solve::{CalibrationParameter, UNKNOWNS, values};
 use geu_calibration::{Calibrated, Comparison, PreviousCalibration};
 use geu_model::Configuration;
-use geu_protocol::Gyro;
+use geu_protocol::{Gyro, map};
 
 use super::{moved_words, sigma_unit};
+use crate::page::filled;
 use crate::text_table::text_table;
 
 /// The result for a terminal.
@@ -34,36 +35,20 @@ pub fn table(prior: &Configuration, calibrated: &Calibrated) -> String {
         [parameter.label(), format!("{:.digits$}", solved[index]), sigma, unit.to_owned(), change, hand]
     });
     let header = ["parameter", "value", "sigma", "unit", "change/σ", "hand method/σ"];
-    let mut text = text_table("<26 >14 >11  <14 >10  >14", header, rows);
-    text.push('\n');
-    text += &manoeuvre_table(calibrated);
-    let _ = writeln!(
-        text,
-        "\nχ² {:.1} of {} spare equations, probability {:.2}; condition {:.0}",
-        solution.chi2,
-        solution.degrees_of_freedom,
-        solution.probability(),
-        solution.condition
-    );
-    if let Err(why) = &calibrated.first_order {
-        let _ = writeln!(text, "no hand method: {why}");
-    }
-    let sigma = calibrated.reference_sigma_arcsec;
-    if sigma.iter().any(|sigma| *sigma > 0.0) {
-        let _ = writeln!(
-            text,
-            "noise of the reference: {:.2}, {:.2}, {:.2} arcsec about X, Y, Z",
-            sigma[0], sigma[1], sigma[2]
-        );
-    }
-    if solution.probability() < MIN_PROBABILITY {
-        let _ = writeln!(
-            text,
-            "the calibration parameters do not explain these data: the unit has an effect that the configuration lacks, or counts or fixes are wrong"
-        );
-    }
-    text.truncate(text.trim_end().len());
-    text
+    let text = text_table("<26 >14 >11  <14 >10  >14", header, rows);
+    let noise = calibrated.reference_sigma_arcsec;
+    let values = map! {
+        table: text,
+        manoeuvres: manoeuvre_table(calibrated),
+        chi2: solution.chi2,
+        freedom: solution.degrees_of_freedom as u32,
+        probability: solution.probability(),
+        condition: solution.condition,
+        no_hand: calibrated.first_order.as_ref().err().map(ToString::to_string),
+        noise: noise.iter().any(|sigma| *sigma > 0.0).then_some(noise),
+        is_unexplained: solution.probability() < MIN_PROBABILITY,
+    };
+    filled(include_str!("text.txt"), &values).trim_end().to_owned()
 }
 
 fn manoeuvre_table(calibrated: &Calibrated) -> String {
