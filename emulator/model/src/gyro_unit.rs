@@ -379,6 +379,7 @@ impl GyroUnit {
         let electronics = &self.configuration.electronics;
         Temperatures {
             electronics_c: electronics.at_c(t_s),
+            electronics_rate_k_per_h: electronics.rate_k_per_h(t_s),
             electronics_reference_c: electronics.numbers.reference_c,
             sensor_c: match self.sensor_measured.is_empty() {
                 true => self.sensor.temperature_c,

@@ -49,6 +49,8 @@ pub enum Role {
     Count,
     /// The time from which something holds.
     Onset,
+    /// How long something holds.
+    Duration,
     /// A period.
     Period,
     /// A phase: a wave of any phase is a sum of two.

@@ -1,7 +1,8 @@
 //! Temperatures: the electronics follow a configured course; the heater holds the sensor (Casteren §2).
 
 use crate::parameter_spec::numbers;
-use crate::units::S_PER_DAY;
+use crate::time_profile::Interval;
+use crate::units::{S_PER_DAY, S_PER_H};
 
 /// Sensor temperature with the heater on.
 pub const SENSOR_NOMINAL_C: f64 = 70.0;
@@ -9,6 +10,8 @@ pub const SENSOR_NOMINAL_C: f64 = 70.0;
 pub const SENSOR_BAND_K: f64 = 1.0;
 /// Time constant of warm-up and cool-down, first-order.
 const SENSOR_TIME_CONSTANT_S: f64 = 20.0 * 60.0;
+/// Length over which the slope of a table is taken.
+pub const RATE_SPAN_S: f64 = 300.0;
 
 numbers! {
     /// Course of the electronics temperature: mean, plus a sine, plus a trend.
@@ -52,6 +55,38 @@ impl ElectronicsCourse {
             temperature_c += amplitude_k * libm::sin(std::f64::consts::TAU * t_s / period_s + phase_rad);
         }
         temperature_c + trend_k_per_day * t_s / S_PER_DAY
+    }
+}
+
+impl ElectronicsCourse {
+    /// An interval of this true time, as time courses use it.
+    pub fn interval(&self, start_s: f64, end_s: f64) -> Interval {
+        let middle_s = 0.5 * (start_s + end_s);
+        Interval {
+            start_s,
+            end_s,
+            electronics_excess_k: self.at_c(middle_s) - self.numbers.reference_c,
+            electronics_rate_k_per_h: self.rate_k_per_h(middle_s),
+        }
+    }
+
+    /// Rate of change, K/h. That of a table is the slope over [`RATE_SPAN_S`], in which the steps of a recorded temperature average out.
+    #[inline]
+    pub fn rate_k_per_h(&self, t_s: f64) -> f64 {
+        let Electronics { amplitude_k, period_s, phase_rad, trend_k_per_day, .. } = self.numbers;
+        let mut rate_k_per_s = trend_k_per_day / S_PER_DAY;
+        if let (Some(first), Some(last)) = (self.table.first(), self.table.last()) {
+            let at = |t_s: f64| t_s.clamp(first.0, last.0);
+            let (from_s, to_s) = (at(t_s - 0.5 * RATE_SPAN_S), at(t_s + 0.5 * RATE_SPAN_S));
+            if to_s > from_s {
+                rate_k_per_s += (interpolate(&self.table, to_s) - interpolate(&self.table, from_s)) / (to_s - from_s);
+            }
+        }
+        if amplitude_k != 0.0 {
+            let turn_rad_s = std::f64::consts::TAU / period_s;
+            rate_k_per_s += amplitude_k * turn_rad_s * libm::cos(turn_rad_s * t_s + phase_rad);
+        }
+        rate_k_per_s * S_PER_H
     }
 }
 
@@ -113,6 +148,22 @@ mod tests {
     fn a_table_is_joined_by_straight_lines_and_held_beyond_its_ends() {
         let course = ElectronicsCourse { table: vec![(10.0, 20.0), (20.0, 22.0)], ..ElectronicsCourse::default() };
         assert_eq!([0.0, 10.0, 15.0, 20.0, 99.0].map(|t_s| course.at_c(t_s)), [20.0, 20.0, 21.0, 22.0, 22.0]);
+    }
+
+    #[test]
+    fn the_rate_is_the_derivative_of_the_course_and_the_slope_of_a_table() {
+        let mut course = ElectronicsCourse::default();
+        (course.numbers.amplitude_k, course.numbers.trend_k_per_day) = (2.0, 24.0);
+        for t_s in [0.0, 1000.0, 4000.0] {
+            let slope_k_per_h = (course.at_c(t_s + 1.0) - course.at_c(t_s - 1.0)) / 2.0 * 3600.0;
+            assert!((course.rate_k_per_h(t_s) - slope_k_per_h).abs() < 1e-5, "{t_s} s");
+        }
+        // Steps of a hundredth of a degree on a slope of 3.6 K/h.
+        let recorded = (0..2000).map(|node| (f64::from(node), (f64::from(node) * 0.1).round() * 0.01)).collect();
+        course.follow(recorded);
+        for t_s in [0.0, 777.0, 1999.0] {
+            assert!((course.rate_k_per_h(t_s) - 3.6).abs() < 0.3, "{t_s} s: {}", course.rate_k_per_h(t_s));
+        }
     }
 
     #[test]

@@ -6,6 +6,7 @@ pub const ARCSEC_PER_RAD: f64 = 648_000.0 / PI;
 pub const ARCSEC_PER_DEG: f64 = 3600.0;
 pub const RAD_PER_DEG: f64 = PI / 180.0;
 pub const S_PER_DAY: f64 = 86_400.0;
+pub const S_PER_H: f64 = 3600.0;
 /// Nominal length of a sample, on-board time.
 pub const SAMPLE_INTERVAL_S: f64 = 0.5;
 /// In ns.

@@ -43,7 +43,8 @@ mod tests {
         let mut later = own.clone();
         shift_origin(&mut later, 4000.0);
         let at = |configuration: &Configuration, start_s: f64| {
-            let interval = Interval { start_s, end_s: start_s + 0.5, electronics_excess_k: 3.0 };
+            let interval =
+                Interval { start_s, end_s: start_s + 0.5, electronics_excess_k: 3.0, electronics_rate_k_per_h: 2.0 };
             let effects = configuration.gyros[0].effects.at(&interval);
             (0..effects.specs().len()).map(|effect| effects.numbers(effect).value(0)).collect::<Vec<_>>()
         };

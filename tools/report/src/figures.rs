@@ -5,7 +5,7 @@ use geu_chart::{Chart, MAX_COLUMNS, min_max, svg_file};
 use geu_model::attitude::{AttitudeProfile, LimitCycle, Manoeuvre, Motion, Scenario};
 use geu_model::effect::{Effects, columns};
 use geu_model::parameter_spec::ParameterSet;
-use geu_model::time_profile::{self, Interval, TimeCourse, TimeProfile};
+use geu_model::time_profile::{self, TimeCourse, TimeProfile};
 use geu_model::units::{ORBIT_S, S_PER_DAY, SAMPLE_INTERVAL_S};
 use geu_model::{Configuration, GyroUnit};
 use geu_protocol::Gyro;
@@ -325,9 +325,7 @@ fn two_weeks(configuration: &Configuration) -> Vec<Panel> {
         let mut sum_ppm = [0.0; 4];
         for sample in 0..samples {
             let start_s = (f64::from(orbit) + f64::from(sample) / f64::from(samples)) * ORBIT_S;
-            let electronics = &configuration.electronics;
-            let electronics_excess_k = electronics.at_c(start_s) - electronics.numbers.reference_c;
-            let interval = Interval { start_s, end_s: start_s + SAMPLE_INTERVAL_S, electronics_excess_k };
+            let interval = configuration.electronics.interval(start_s, start_s + SAMPLE_INTERVAL_S);
             let clock_ppm = configuration.unit.at(&interval).clock_frequency.ppm;
             for (sum_ppm, gyro) in sum_ppm.iter_mut().zip(&configuration.gyros) {
                 *sum_ppm += gyro.effects.at(&interval).scale_factor.ppm - clock_ppm;

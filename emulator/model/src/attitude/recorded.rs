@@ -153,6 +153,12 @@ impl RecordedAttitude {
         self
     }
 
+    /// Time of each row and the rotation accumulated since the first, arcsec.
+    pub fn rows(&self) -> impl Iterator<Item = (f64, [f64; 3])> + '_ {
+        let angle = |row: usize| self.angle_control_arcsec.each_ref().map(|axis| axis[row]);
+        self.t_s.iter().enumerate().map(move |(row, &t_s)| (t_s, angle(row)))
+    }
+
     /// End of the last row's interval.
     pub fn end_s(&self) -> f64 {
         self.t_s[self.t_s.len() - 1]

@@ -70,6 +70,8 @@ pub struct Temperatures {
     pub electronics_c: f64,
     /// The electronics temperature at which the calibration holds.
     pub electronics_reference_c: f64,
+    /// Rate of change of the electronics temperature, K/h.
+    pub electronics_rate_k_per_h: f64,
     /// Sensor.
     pub sensor_c: f64,
 }
@@ -77,7 +79,13 @@ pub struct Temperatures {
 impl Temperatures {
     /// The sample interval with these temperatures.
     pub fn interval(&self, start_s: f64, end_s: f64) -> Interval {
-        Interval { start_s, end_s, electronics_excess_k: self.electronics_c - self.electronics_reference_c }
+        let Temperatures { electronics_c, electronics_reference_c, electronics_rate_k_per_h, .. } = *self;
+        Interval {
+            start_s,
+            end_s,
+            electronics_excess_k: electronics_c - electronics_reference_c,
+            electronics_rate_k_per_h,
+        }
     }
 }
 

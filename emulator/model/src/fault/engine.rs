@@ -240,7 +240,8 @@ impl FaultEngine {
             FaultAction::Parameter { target, size, course } if target.list == list => {
                 let start = acting.frame - acting.elapsed;
                 let start_s = acting.elapsed as f64 * SAMPLE_INTERVAL_S;
-                let interval = Interval { start_s, end_s: start_s + SAMPLE_INTERVAL_S, electronics_excess_k: 0.0 };
+                let end_s = start_s + SAMPLE_INTERVAL_S;
+                let interval = Interval { start_s, end_s, electronics_excess_k: 0.0, electronics_rate_k_per_h: 0.0 };
                 let normal = |sample| acting.draw().at("course", start + sample).standard_normal();
                 Some((target, size * acting.share * course.factor(&interval, &normal)))
             }

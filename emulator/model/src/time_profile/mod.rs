@@ -5,7 +5,7 @@
 //! interval. Reading, display, schema and help all use this list.
 
 use crate::effect::{Amplitude, EffectSpec};
-use crate::parameter_spec::{ParameterSpec, ValueFormat};
+use crate::parameter_spec::{DefaultValue, ParameterSpec, REAL, Role, ValueFormat, number};
 
 /// Largest number of shape parameters of a profile.
 const MAX_SHAPES: usize = 2;
@@ -85,6 +85,16 @@ pub fn step_limits(number: &ParameterSpec) -> (f64, f64) {
     (number.min.min(-number.max), number.max)
 }
 
+/// The time from which a course of an effect holds.
+const fn onset(default: DefaultValue, help: &'static str) -> ParameterSpec {
+    ParameterSpec { role: Role::Onset, ..number("time_s", "s", REAL, default, 0.0, 1e10, help) }
+}
+
+/// Share of the interval that lies after a moment.
+fn share_after(time_s: f64, interval: &Interval) -> f64 {
+    ((interval.end_s - time_s) / (interval.end_s - interval.start_s)).clamp(0.0, 1.0)
+}
+
 /// Key, format and limits of the size of a time course.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Size {
@@ -101,6 +111,7 @@ pub struct Interval {
     pub start_s: f64,
     pub end_s: f64,
     pub electronics_excess_k: f64,
+    pub electronics_rate_k_per_h: f64,
 }
 
 impl Interval {
@@ -124,14 +135,14 @@ impl TimeProfile {
     }
 
     /// Value of the first shape parameter with this role.
-    pub fn shape_mut(&mut self, role: crate::parameter_spec::Role) -> Option<&mut f64> {
+    pub fn shape_mut(&mut self, role: Role) -> Option<&mut f64> {
         let index = self.spec.shapes.iter().position(|shape| shape.role == role)?;
         Some(&mut self.shapes[index])
     }
 
     /// True if the profile repeats with a period and has a phase.
     pub fn is_periodic(&self) -> bool {
-        self.spec.shapes.iter().any(|shape| shape.role == crate::parameter_spec::Role::Phase)
+        self.spec.shapes.iter().any(|shape| shape.role == Role::Phase)
     }
 
     /// Factor of the size over a sample interval; `normal` draws a normally distributed value for a sample.
@@ -168,7 +179,6 @@ impl TimeCourse {
     /// Moves the origin of time by `by_s`. Returns the addition that the course has then grown to, which the amplitude
     /// must include to continue from.
     pub fn shift_origin(&mut self, by_s: f64) -> f64 {
-        use crate::parameter_spec::Role;
         let period_s = self.profile.shape_mut(Role::Period).copied();
         if let Some(time_s) = self.profile.shape_mut(Role::Onset) {
             *time_s -= by_s;
@@ -195,8 +205,10 @@ macro_rules! time_profiles {
 time_profiles! {
     step: COURSE / FAULT,
     ramp: COURSE / FAULT,
+    settling: COURSE / FAULT,
     temperature: COURSE /,
-    pulse: / FAULT,
+    temperature_rate: COURSE /,
+    pulse: COURSE / FAULT,
     periodic: COURSE / FAULT,
     random: / FAULT,
 }
@@ -226,7 +238,10 @@ mod tests {
         let profile = from_name(name).with(shapes);
         [0.25, 4.75, 5.25, 10.25, 12.25].map(|middle_s: f64| {
             let (start_s, end_s) = (middle_s - 0.25, middle_s + 0.25);
-            profile.factor(&Interval { start_s, end_s, electronics_excess_k: 0.0 }, &|sample| 100.0 + sample as f64)
+            profile.factor(
+                &Interval { start_s, end_s, electronics_excess_k: 0.0, electronics_rate_k_per_h: 0.0 },
+                &|sample| 100.0 + sample as f64,
+            )
         })
     }
 
@@ -240,10 +255,32 @@ mod tests {
         assert_eq!(factors("random", &[5.0]), [100.0, 100.0, 110.0, 120.0, 120.0]);
     }
 
+    /// Values of a course of size 8 in the sample intervals from these times.
+    fn values<const COUNT: usize>(name: &str, shapes: &[f64], starts_s: [f64; COUNT]) -> [f64; COUNT] {
+        let course = TimeCourse { effect: 0, amplitude: 0, size: 8.0, profile: from_name(name).with(shapes) };
+        starts_s.map(|start_s| {
+            let (end_s, electronics_rate_k_per_h) = (start_s + 0.5, 0.25);
+            course.value(&Interval { start_s, end_s, electronics_excess_k: 0.0, electronics_rate_k_per_h })
+        })
+    }
+
     #[test]
-    fn a_step_inside_a_sample_interval_counts_with_its_share() {
-        let course = TimeCourse { effect: 0, amplitude: 0, size: 8.0, profile: from_name("-step").with(&[10.125]) };
-        let value = |start_s: f64| course.value(&Interval { start_s, end_s: start_s + 0.5, electronics_excess_k: 0.0 });
-        assert_eq!([value(9.5), value(10.0), value(10.5)], [0.0, 6.0, 8.0]);
+    fn steps_and_pulses_inside_a_sample_interval_count_with_their_share() {
+        assert_eq!(values("-step", &[10.125], [9.5, 10.0, 10.5]), [0.0, 6.0, 8.0]);
+        assert_eq!(values("-pulse", &[10.125, 1.0], [9.5, 10.0, 10.5, 11.0, 11.5]), [0.0, 6.0, 8.0, 2.0, 0.0]);
+    }
+
+    #[test]
+    fn a_settling_course_decays_from_its_onset_and_counts_with_its_mean() {
+        let [before, first, later] = values("-settling", &[10.25, 100.0], [9.5, 10.0, 110.25]);
+        // Half of the interval, on average at exp(-0.00125); then a time constant and a quarter of a second later.
+        assert_eq!(before, 0.0);
+        assert!((first - 4.0 * (-0.00125f64).exp()).abs() < 1e-5, "{first}");
+        assert!((later - 8.0 * (-1.0025f64).exp()).abs() < 1e-5, "{later}");
+    }
+
+    #[test]
+    fn a_course_by_the_temperature_rate_is_proportional_to_it() {
+        assert_eq!(values("-temperature-rate", &[], [0.0, 100.0]), [2.0, 2.0]);
     }
 }

@@ -1,7 +1,22 @@
-//! A constant for a limited time, once or periodically; faults only.
+//! A constant for a limited time: of an effect once, of a fault once or periodically.
 
-use super::TimeProfileSpec;
-use crate::parameter_spec::{ABSENT, REAL, REQUIRED, number};
+use super::{TimeProfileSpec, onset, share_after};
+use crate::parameter_spec::{ABSENT, ParameterSpec, REAL, REQUIRED, Role, number};
+
+pub(super) const COURSE: TimeProfileSpec = TimeProfileSpec {
+    name: "-pulse",
+    meaning: "holds from time_s on for duration_s",
+    shapes: &[
+        onset(REQUIRED, "from which it holds"),
+        ParameterSpec {
+            role: Role::Duration,
+            ..number("duration_s", "s", REAL, REQUIRED, 0.5, 1e9, "how long it holds")
+        },
+    ],
+    value: |shapes, interval, _| share_after(shapes[0], interval) - share_after(shapes[0] + shapes[1], interval),
+    largest: |size| size.max(0.0),
+    ..TimeProfileSpec::CONSTANT
+};
 
 pub(super) const FAULT: TimeProfileSpec = TimeProfileSpec {
     name: "pulse",

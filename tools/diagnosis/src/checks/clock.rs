@@ -1,7 +1,6 @@
 //! Receive times compared with the unit's clock: time jumps, outliers, wrong spacing, clock frequency.
 
 use geu_model::Configuration;
-use geu_model::time_profile::Interval;
 use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::continuity::SequenceStep;
 use geu_protocol::field::unit_flag;
@@ -116,12 +115,10 @@ fn rate(
 
 /// Configured clock error, averaged over the recording.
 fn configured_ppm(rows: &[ReceivedSample], timeline: &SampleTimes, configuration: &Configuration) -> f64 {
-    let reference_c = configuration.electronics.numbers.reference_c;
+    let electronics = timeline.electronics(rows, configuration);
     let every = rows.len().div_ceil(MAX_AVERAGED).max(1);
     let errors = (0..rows.len()).step_by(every).map(|row| {
-        let electronics_c = f64::from(rows[row].sample.electronics_centi_c) * 0.01;
-        let (start_s, end_s) = (timeline.start_s(row), timeline.end_s[row]);
-        let interval = Interval { start_s, end_s, electronics_excess_k: electronics_c - reference_c };
+        let interval = electronics.interval(timeline.start_s(row), timeline.end_s[row]);
         configuration.unit.at(&interval).timing().last().map_or(0.0, |timing| timing.clock_error)
     });
     let count = rows.len().div_ceil(every).max(1);

@@ -3,7 +3,6 @@
 use geu_calibration::transfer::misalignment_matrix;
 use geu_model::Configuration;
 use geu_model::effect::WiringEffects;
-use geu_model::time_profile::Interval;
 use geu_protocol::Gyro;
 use geu_protocol::continuity::SequenceStep;
 use geu_protocol::field::unit_flag;
@@ -76,15 +75,14 @@ impl CountComparison {
 
         let calibrations = configuration.gyros.each_ref().map(|gyro| gyro.calibration);
         let matrix = misalignment_matrix(&calibrations);
-        let reference_c = configuration.electronics.numbers.reference_c;
+        let electronics = timeline.electronics(rows, configuration);
         let mut near = 0;
         let mut angle = |t_s: f64| Vector3::from(reference.truth.at(t_s + offset_s, &mut near).0);
         let samples = (0..rows.len()).filter(|&row| timeline.steps[row] != SequenceStep::Repeat).map(|row| {
             let sample = &rows[row].sample;
             let (start_s, end_s) = (timeline.start_s(row), timeline.end_s[row]);
             let inputs = matrix * (angle(end_s) - angle(start_s));
-            let electronics_c = f64::from(sample.electronics_centi_c) * 0.01;
-            let interval = Interval { start_s, end_s, electronics_excess_k: electronics_c - reference_c };
+            let interval = electronics.interval(start_s, end_s);
             let is_test = sample.unit_flags & const { unit_flag("self_test") } != 0;
             SampleComparison {
                 row,

@@ -1,5 +1,7 @@
 //! End time of each row's sample, and its sequence step.
 
+use geu_model::Configuration;
+use geu_model::temperature::ElectronicsCourse;
 use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::continuity::{Continuity, MAX_MISSING, SequenceStep};
 use geu_recording::ReceivedSample;
@@ -60,6 +62,14 @@ impl SampleTimes {
     /// Start of a row's sample, s.
     pub fn start_s(&self, row: usize) -> f64 {
         self.end_s[row] - SAMPLE_INTERVAL_S
+    }
+
+    /// The recorded electronics temperature.
+    pub fn electronics(&self, rows: &[ReceivedSample], configuration: &Configuration) -> ElectronicsCourse {
+        let celsius = rows.iter().map(|row| f64::from(row.sample.electronics_centi_c) * 0.01);
+        let mut electronics = configuration.electronics.clone();
+        electronics.follow(self.end_s.iter().copied().zip(celsius).collect());
+        electronics
     }
 }
 

@@ -133,7 +133,12 @@ mod tests {
             length_s: 0.25,
             angle_control_arcsec: [1.25, -2.5, 25.0],
         };
-        let temperatures = Temperatures { electronics_c: 21.5, electronics_reference_c: 20.0, sensor_c: 67.0 };
+        let temperatures = Temperatures {
+            electronics_c: 21.5,
+            electronics_reference_c: 20.0,
+            electronics_rate_k_per_h: 0.0,
+            sensor_c: 67.0,
+        };
         // The middle of the sub-step is 43 200 s: half a day.
         let surroundings =
             EffectInputs { step: &step, axes: Axes::of(Gyro::X), temperatures: &temperatures, end_s: 43_200.125 };
