@@ -213,14 +213,14 @@ fn is_same<'a, T: AsRef<str>>(names: &[T], expected: impl Iterator<Item = &'a st
 /// the candidate regressors.
 fn residual_csv(directory: &Path) -> Result<String> {
     let name = |file: &str| directory.join(file).display().to_string();
+    let nominal = Configuration::reference();
     let reference = ReferenceAttitude::read(&name("reference.csv"))?;
     let mut reader = CountsReader::default();
     let mut input = InputReader::new(DecoderOptions::default(), Stop::default());
     input.read(&name("link.log"), &mut reader)?;
     input.finish(&mut reader).1?;
     let counts = reader.finish(reference.start_ns).ok_or("expected samples, got none")?;
-    let measured = MeasuredData::new(counts, &reference)?;
-    let nominal = Configuration::reference();
+    let measured = MeasuredData::new(counts, &reference, &nominal)?;
     let (counted, model) = (measured.series(), measured.run(&nominal, Shifts::default()));
     let mut motion = Truth::Recorded(measured.reference.clone()).motion(&nominal, 0.0);
     let mut text =

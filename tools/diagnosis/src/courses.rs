@@ -6,7 +6,9 @@ use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
 use geu_model::parameter_spec::{ParameterSpec, Role};
+use geu_model::temperature::RATE_SPAN_S;
 use geu_model::time_profile::{COURSES, Interval, TimeCourse};
+use geu_model::units::S_PER_H;
 
 use crate::amplitude::STEP;
 use crate::measured::{BLOCK_S, MeasuredData};
@@ -17,6 +19,12 @@ pub const SHORTEST_BLOCKS: f64 = 6.0;
 const QUARTER_TURNS: usize = 64;
 /// Searched onsets of permanent effects.
 const ONSETS: usize = 64;
+/// Searched onsets of effects that settle; the first is the start of the recording.
+const SETTLING_ONSETS: usize = 32;
+/// Searched time constants, as shares of the recording: twice from one to the next, since a signature changes slowly with it.
+const TIME_CONSTANTS: [f64; 6] = [1.0 / 64.0, 1.0 / 32.0, 1.0 / 16.0, 0.125, 0.25, 0.5];
+/// Searched durations, in steps between onsets.
+const DURATIONS: [usize; 10] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32];
 /// Searched onsets of immediate effects, which end with the manoeuvre.
 const SUDDEN_ONSETS: usize = 4 * ONSETS;
 
@@ -68,6 +76,14 @@ impl Variation {
     }
 }
 
+/// Onsets of the two steps whose difference is a pulse; `None` for other time courses.
+pub fn pulse_onsets_s(variation: &Variation) -> Option<[f64; 2]> {
+    let Variation::Course { kind, shapes } = variation else { return None };
+    let at = |role: Role| COURSES[*kind].shapes.iter().position(|number| number.role == role);
+    let (onset_s, duration_s) = (shapes[at(Role::Onset)?], shapes[at(Role::Duration)?]);
+    Some([onset_s, onset_s + duration_s])
+}
+
 /// True if a shape parameter is an onset.
 pub fn is_onset(number: &ParameterSpec) -> bool {
     number.role == Role::Onset
@@ -78,6 +94,8 @@ pub fn is_onset(number: &ParameterSpec) -> bool {
 pub struct Courses {
     /// By how much the electronics are warmer than the reference temperature, in each block.
     excess_k: Vec<f64>,
+    /// Rate of change of that, K/h.
+    rate_k_per_h: Vec<f64>,
     /// The waves of the grid.
     waves: Arc<[Wave]>,
 }
@@ -93,7 +111,7 @@ struct Wave {
 impl Courses {
     /// Time courses on a recording with this electronics temperature minus the reference temperature in each block.
     pub fn new(excess_k: Vec<f64>) -> Courses {
-        let none = Courses { excess_k, waves: Arc::default() };
+        let none = Courses::without_waves(excess_k);
         let of_mode = |mode: Mode| {
             let all = (0..COURSES.len()).flat_map(|kind| none.variations(kind, mode));
             let quarters = all.filter_map(|wave| Some([wave.at_phase(FRAC_PI_2)?, wave])).flatten();
@@ -101,6 +119,15 @@ impl Courses {
         };
         let waves = [Mode::Rate, Mode::Level].into_iter().flat_map(of_mode).collect();
         Courses { waves, ..none }
+    }
+
+    fn without_waves(excess_k: Vec<f64>) -> Courses {
+        let (half, last) = ((0.5 * RATE_SPAN_S / BLOCK_S) as usize, excess_k.len().saturating_sub(1));
+        let rate = |block: usize| {
+            let (from, to) = (block.saturating_sub(half), (block + half).min(last));
+            (excess_k[to] - excess_k[from]) / (to.max(from + 1) - from) as f64 / BLOCK_S * S_PER_H
+        };
+        Courses { rate_k_per_h: (0..excess_k.len()).map(rate).collect(), excess_k, waves: Arc::default() }
     }
 
     /// Blocks of the recording.
@@ -114,25 +141,46 @@ impl Courses {
         let last = self.blocks().saturating_sub(1) as f64;
         let source = |block: usize| (block as f64 + temperature_s / BLOCK_S).round().clamp(0.0, last) as usize;
         let excess_k = (0..self.blocks()).map(|block| self.excess_k[source(block)]).collect();
-        Courses { excess_k, waves: self.waves.clone() }
+        Courses { waves: self.waves.clone(), ..Courses::without_waves(excess_k) }
     }
 
     /// Searched time courses of a kind of [`COURSES`], waves at phase 0.
     pub fn variations(&self, kind: usize, mode: Mode) -> Vec<Variation> {
+        let has = |role: Role| COURSES[kind].shapes.iter().any(|number| number.role == role);
+        let (settles, ends) = (has(Role::TimeConstant), has(Role::Duration));
+        // An immediate effect that ends is two of them.
+        if mode == Mode::Level && (settles || ends) {
+            return Vec::new();
+        }
+        let onsets = match mode {
+            Mode::Rate if settles => 0..SETTLING_ONSETS,
+            Mode::Rate => 1..ONSETS,
+            Mode::Level => 1..SUDDEN_ONSETS,
+        };
         let mut all: Vec<Vec<f64>> = vec![vec![]];
         for number in COURSES[kind].shapes {
-            let values = self.shape_values(number, mode);
+            let values = self.shape_values(number, onsets.clone());
             all = all.iter().flat_map(|before| values.iter().map(|value| [&before[..], &[*value]].concat())).collect();
         }
-        all.into_iter().map(|shapes| Variation::Course { kind, shapes }).collect()
+        let is_inside = |shapes: &Vec<f64>| !ends || shapes.iter().sum::<f64>() < self.duration_s() - BLOCK_S;
+        all.into_iter().filter(is_inside).map(|shapes| Variation::Course { kind, shapes }).collect()
+    }
+
+    fn duration_s(&self) -> f64 {
+        self.blocks() as f64 * BLOCK_S
     }
 
     /// Values of a course's shape that are looked for.
-    fn shape_values(&self, number: &ParameterSpec, mode: Mode) -> Vec<f64> {
-        let onsets = if mode == Mode::Level { SUDDEN_ONSETS } else { ONSETS };
-        let duration_s = self.blocks() as f64 * BLOCK_S;
+    fn shape_values(&self, number: &ParameterSpec, onsets: Range<usize>) -> Vec<f64> {
+        let duration_s = self.duration_s();
         match number.role {
-            Role::Onset => (1..onsets).map(|onset| duration_s * onset as f64 / onsets as f64).collect(),
+            Role::Onset => onsets.clone().map(|onset| duration_s * onset as f64 / onsets.end as f64).collect(),
+            Role::Duration => DURATIONS.map(|steps| duration_s * steps as f64 / onsets.end as f64).to_vec(),
+            Role::TimeConstant => TIME_CONSTANTS
+                .map(|share| duration_s * share)
+                .into_iter()
+                .filter(|&constant_s| constant_s >= SHORTEST_BLOCKS * BLOCK_S)
+                .collect(),
             Role::Phase => vec![0.0],
             // A period.
             _ => (2..=QUARTER_TURNS)
@@ -156,7 +204,12 @@ impl Courses {
                 Mode::Rate => MeasuredData::middle_s(block),
                 Mode::Level => (block + 1) as f64 * BLOCK_S,
             };
-            course.value(&Interval { start_s: end_s - BLOCK_S, end_s, electronics_excess_k: self.excess_k[block] })
+            course.value(&Interval {
+                start_s: end_s - BLOCK_S,
+                end_s,
+                electronics_excess_k: self.excess_k[block],
+                electronics_rate_k_per_h: self.rate_k_per_h[block],
+            })
         };
         match self.waves.iter().find(|wave| wave.mode == mode && wave.variation == *variation) {
             Some(wave) => {
@@ -176,7 +229,7 @@ mod tests {
     fn cached_waves_equal_computed_waves() {
         let excess_k: Vec<f64> = (0..500).map(|block| (block as f64 * 0.01).sin()).collect();
         let own = Courses::new(excess_k.clone());
-        let none = Courses { excess_k, waves: Arc::default() };
+        let none = Courses::without_waves(excess_k);
         let late = own.late(150.0);
         for mode in [Mode::Rate, Mode::Level] {
             let (mut waves, mut followers) = (0, 0);
@@ -187,13 +240,13 @@ mod tests {
                 let is_kept = matches!(own.values(mode, &variation, 0..10), Some(Cow::Borrowed(_)));
                 assert_eq!(is_kept, is_wave, "{variation:?}");
                 waves += usize::from(is_wave);
-                // Only the course that follows the temperature depends on its delay.
+                // Only the courses that follow the temperature depend on its delay.
                 if late.values(mode, &variation, 30..200) != values {
                     assert_eq!(late.values(mode, &variation, 30..200), none.values(mode, &variation, 60..230));
                     followers += 1;
                 }
             }
-            assert!(waves > 10 && followers == 1, "{waves} {followers}");
+            assert!(waves > 10 && followers == 2, "{waves} {followers}");
         }
     }
 }

@@ -1,6 +1,7 @@
 //! A diagnosis from start to end: missing effects, outdated calibration parameters, residual.
 
 use std::cell::LazyCell;
+use std::sync::Arc;
 
 use geu_calibration::CountsReader;
 use geu_calibration::window::ManoeuvreWindow;
@@ -22,6 +23,7 @@ use crate::null_distribution::{Thresholds, thresholds};
 use crate::outcome::{DiagnosedEffect, Diagnosis, Gaps, Verdict};
 use crate::residual_map::residual_maps;
 use crate::residual_stats::{ResidualStats, residual, windowed};
+use crate::rounding::rounding;
 use crate::signature_bank::SignatureBank;
 use crate::unexplained::unexplained;
 use crate::whiteness::{kurtosis, whiteness_statistic};
@@ -31,7 +33,7 @@ use crate::whitening::NoiseModel;
 const FORMULA_MARGIN: f64 = 10.0;
 /// Version of the search beside the model's lists. It changes with grids, families and null recordings, so that stored thresholds never
 /// apply to another search.
-const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 12");
+const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 13");
 
 /// Options of [`diagnose_rows`].
 pub struct DiagnosisOptions<'a> {
@@ -68,20 +70,27 @@ pub fn diagnose_rows(
         rows.iter().for_each(|row| reader.row(row));
         reader.finish(options.clock_start_ns).ok_or(MeasuredError::Empty)
     };
-    let measured = MeasuredData::new(counts(&checked.rows)?, reference)?;
-    let raw = if checked.faults.is_empty() { None } else { MeasuredData::new(counts(rows)?, reference).ok() };
+    let measured = MeasuredData::new(counts(&checked.rows)?, reference, nominal)?;
+    let raw = if checked.faults.is_empty() { None } else { MeasuredData::new(counts(rows)?, reference, nominal).ok() };
     progress("signatures");
-    let case = DiagnosisCase::new(&measured, nominal);
+    let mut case = DiagnosisCase::new(&measured, nominal);
     let catalogue = SignatureBank::new(&measured, nominal);
     let before = measured.run(nominal, Shifts::default());
-    let noise = noise::configured(nominal, &measured, &measured.residual(&before));
+    let noise = noise::configured(nominal, &measured, &case.rounding, &measured.residual(&before));
+    let start = case.start(noise);
+    // Rounding depends on the rate: that of the fitted scale factors and drifts.
+    let mut fitted = start.clone();
+    case.fit(&mut fitted);
+    let path = case.run(&fitted);
+    case.rounding = Arc::new(rounding(&path));
+    let noise = noise::configured(nominal, &measured, &case.rounding, &measured.residual(&path));
     let start = case.start(noise);
     let formulas = LazyCell::new(|| catalogue.formulas(&measured, nominal));
     let all = LazyCell::new(|| catalogue.and(&formulas));
-    let key = key(&measured, &before, &noise, options.seed);
+    let key = key(&measured, &path, &noise, options.seed);
     let thresholds = (options.known)(key).unwrap_or_else(|| {
         progress("thresholds");
-        let found = thresholds(&case, &all, &case.fit(&mut start.clone()), &noise, options.seed);
+        let found = thresholds(&case, &all, &path, &case.fit(&mut start.clone()), &noise, options.seed);
         (options.keep)(key, &found);
         found
     });
@@ -114,7 +123,7 @@ fn is_noise(selected: &SelectedModel, thresholds: &Thresholds) -> bool {
 }
 
 /// Key of thresholds: a hash of all that they depend on, i.e. search, motion, usable blocks and noise.
-fn key(measured: &MeasuredData, before: &Series, noise: &[NoiseModel; CHANNELS], seed: u64) -> u64 {
+fn key(measured: &MeasuredData, path: &Series, noise: &[NoiseModel; CHANNELS], seed: u64) -> u64 {
     // FNV-1a.
     let mut hash = 0xcbf2_9ce4_8422_2325u64;
     let mut push = |bytes: &[u8]| {
@@ -135,7 +144,7 @@ fn key(measured: &MeasuredData, before: &Series, noise: &[NoiseModel; CHANNELS],
         push(&noise[channel].rate_walk.to_le_bytes());
         // Tenths only: the white noise is estimated from data on which a threshold should not depend.
         push(&tenths(noise[channel].white.ln()));
-        before[channel].iter().step_by(BLOCK).for_each(|value| push(&tenths(*value)));
+        path[channel].iter().step_by(BLOCK).for_each(|value| push(&tenths(*value)));
     }
     hash
 }

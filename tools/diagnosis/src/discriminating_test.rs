@@ -5,7 +5,7 @@
 //! Amplitudes and nuisance parameters are free over recording and manoeuvre together; the alternative's shape parameters keep the
 //! values of the recording.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use geu_model::attitude::{AttitudeProfile, Manoeuvre, RecordedAttitude, Scenario};
 use geu_model::parameter_spec::DefaultValue;
@@ -19,6 +19,7 @@ use crate::hypothesis::Hypothesis;
 use crate::measured::{BLOCK, Block, CHANNELS, MeasuredData, PlannedMotion, Series};
 use crate::model_state::{DiagnosisCase, FittedHypothesis, ModelState};
 use crate::normal_equations::{NormalEquations, Nuisance};
+use crate::rounding::Rounding;
 use crate::signature::Signature;
 use crate::whitening::Whitening;
 
@@ -43,6 +44,7 @@ struct Candidate {
     name: String,
     measured: MeasuredData,
     nuisances: Vec<Nuisance>,
+    rounding: Arc<Rounding>,
 }
 
 /// A manoeuvre and the separation of each alternative after it.
@@ -76,6 +78,7 @@ impl Separation {
 /// The signatures in one recording or manoeuvre, not whitened.
 struct Signatures {
     blocks: [Vec<Block>; CHANNELS],
+    rounding: Rounding,
     nuisances: Vec<Nuisance>,
     own: Nuisance,
     alternatives: Vec<Nuisance>,
@@ -103,11 +106,13 @@ impl<'a> DiscriminatingTests<'a> {
         // The state holds signatures of the recording.
         let mut state_after = state.clone();
         state_after.held.iter_mut().for_each(FittedHypothesis::invalidate);
-        let simulated = manoeuvres.par_iter().chain(&warmings).map(|Candidate { name, measured, nuisances }| {
-            let case = DiagnosisCase { measured, nominal: self.case.nominal, nuisances: nuisances.clone() };
-            let both = now.followed_by(&signatures(&case, &state_after, index, &hypotheses));
-            Simulated { name, duration_s: measured.duration_s(), separations: both.separations(state, found.value) }
-        });
+        let simulated =
+            manoeuvres.par_iter().chain(&warmings).map(|Candidate { name, measured, nuisances, rounding }| {
+                let (nuisances, rounding) = (nuisances.clone(), rounding.clone());
+                let case = DiagnosisCase { measured, nominal: self.case.nominal, nuisances, rounding };
+                let both = now.followed_by(&signatures(&case, &state_after, index, &hypotheses));
+                Simulated { name, duration_s: measured.duration_s(), separations: both.separations(state, found.value) }
+            });
         let simulated: Vec<Simulated> = simulated.collect();
         let before = now.separations(state, found.value);
         let mut tests = ambiguous.iter().enumerate().map(|(place, alternative)| {
@@ -119,8 +124,8 @@ impl<'a> DiscriminatingTests<'a> {
     fn simulate(&self) -> Vec<Candidate> {
         let candidate = |(name, motion)| {
             let measured = self.case.measured.followed_by(motion);
-            let nuisances = DiagnosisCase::new(&measured, self.case.nominal).nuisances;
-            Candidate { name, measured, nuisances }
+            let DiagnosisCase { nuisances, rounding, .. } = DiagnosisCase::new(&measured, self.case.nominal);
+            Candidate { name, measured, nuisances, rounding }
         };
         manoeuvres(self.case.nominal).into_par_iter().map(candidate).collect()
     }
@@ -137,6 +142,7 @@ impl<'a> DiscriminatingTests<'a> {
             name,
             measured,
             nuisances: self.case.nuisances.iter().map(first).collect(),
+            rounding: Arc::new(self.case.rounding.each_ref().map(|channel| channel[..samples / BLOCK].to_vec())),
         };
         let opposite = measured.again(samples, |celsius| 2.0 * mean_c - celsius);
         let warmer = measured.again(samples, |celsius| celsius + WARMER_K);
@@ -296,7 +302,13 @@ fn signatures(case: &DiagnosisCase, state: &ModelState, index: usize, alternativ
         case.measured.difference(&case.run(&with), &from).map(Some)
     };
     let alternatives = alternatives.par_iter().map(signature).collect();
-    Signatures { blocks: case.measured.blocks.clone(), nuisances, own, alternatives }
+    Signatures {
+        blocks: case.measured.blocks.clone(),
+        rounding: Rounding::clone(&case.rounding),
+        nuisances,
+        own,
+        alternatives,
+    }
 }
 
 impl Signatures {
@@ -313,6 +325,7 @@ impl Signatures {
         };
         Signatures {
             blocks: std::array::from_fn(|channel| [&self.blocks[channel][..], &next.blocks[channel]].concat()),
+            rounding: std::array::from_fn(|channel| [&self.rounding[channel][..], &next.rounding[channel]].concat()),
             nuisances: self.nuisances.iter().zip(&next.nuisances).map(join).collect(),
             own: join((&self.own, &next.own)),
             alternatives: self.alternatives.iter().zip(&next.alternatives).map(join).collect(),
@@ -321,7 +334,9 @@ impl Signatures {
 
     /// Separation of each alternative from the hypothesis with amplitude `size`.
     fn separations(&self, state: &ModelState, size: f64) -> Vec<Separation> {
-        let whitenings = std::array::from_fn(|channel| Whitening::new(&state.noise[channel], &self.blocks[channel]));
+        let whitenings = std::array::from_fn(|channel| {
+            Whitening::new(&state.noise[channel], &self.blocks[channel], &self.rounding[channel])
+        });
         let zero: Series = self.blocks.each_ref().map(|blocks| vec![0.0; blocks.len()]);
         let normal = NormalEquations::new(whitenings, &zero, &self.nuisances, &[]);
         let own = Signature::new(&normal, &self.own);

@@ -4,15 +4,18 @@
 mod model;
 mod model_cache;
 mod series;
+mod smoothed_reference;
 
 use std::sync::Arc;
 
 use geu_calibration::{AccumulatedCounts, BreakKind};
+use geu_model::Configuration;
 use geu_model::attitude::RecordedAttitude;
 use geu_model::units::{ORBIT_S, SAMPLE_INTERVAL_S};
 use geu_recording::ReferenceAttitude;
 
 pub use series::{CHANNELS, Series, Shifts, TIMING};
+pub use smoothed_reference::SmoothedReference;
 
 use model_cache::ModelCache;
 use series::TIMING_UNIT_S;
@@ -63,6 +66,8 @@ pub enum MeasuredError {
 pub struct Block {
     /// True if its nodes are usable.
     pub is_good: bool,
+    /// True if, in addition, the reference has a row in it.
+    pub is_compared: bool,
     /// True if the sum restarts in it or before it: the counts of a break are unknown.
     pub restarts: bool,
 }
@@ -74,6 +79,8 @@ pub struct MeasuredData {
     pub counts: AccumulatedCounts,
     /// The motion; time 0 is that of node 0.
     pub reference: Arc<RecordedAttitude>,
+    /// The reference before smoothing, if it is noisy or slow.
+    pub smoothed: Option<Arc<SmoothedReference>>,
     /// Samples up to the end of the reference.
     pub samples: usize,
     /// Blocks of each channel. The channel of the times has usable ones only with receive times.
@@ -100,7 +107,11 @@ impl MeasuredData {
     ///
     /// # Errors
     /// [`MeasuredError`], if there is not enough of either.
-    pub fn new(counts: AccumulatedCounts, reference: &ReferenceAttitude) -> Result<MeasuredData, MeasuredError> {
+    pub fn new(
+        counts: AccumulatedCounts,
+        reference: &ReferenceAttitude,
+        nominal: &Configuration,
+    ) -> Result<MeasuredData, MeasuredError> {
         if counts.is_empty() {
             return Err(MeasuredError::Empty);
         }
@@ -114,10 +125,13 @@ impl MeasuredData {
             late[node] = late_s / TIMING_UNIT_S;
         }
         let block = |channel: usize, number: usize| match channel {
-            TIMING => Block { is_good: nodes(number).any(|node| !late[node].is_nan()), restarts: false },
+            TIMING => {
+                let is_good = nodes(number).any(|node| !late[node].is_nan());
+                Block { is_good, is_compared: is_good, restarts: false }
+            }
             _ => {
                 let is_good = nodes(number).all(is_covered);
-                Block { is_good, restarts: !is_good }
+                Block { is_good, is_compared: is_good, restarts: !is_good }
             }
         };
         let mut blocks: [Vec<Block>; CHANNELS] =
@@ -133,7 +147,7 @@ impl MeasuredData {
             for (index, channel) in blocks.iter_mut().enumerate() {
                 let is_affected = found.gyros.get(index).copied().unwrap_or(moves_times);
                 for block in channel.iter_mut().take(last + 1).skip(found.from / BLOCK).filter(|_| is_affected) {
-                    *block = Block { is_good: false, restarts: true };
+                    *block = Block { is_good: false, is_compared: false, restarts: true };
                 }
             }
         }
@@ -152,8 +166,25 @@ impl MeasuredData {
         if good < MIN_BLOCKS {
             return Err(MeasuredError::Broken { good_s: good as f64 * BLOCK_S, common_s });
         }
-        let (reference, runs) = (Arc::new(reference), ModelCache::default());
-        Ok(MeasuredData { counts, reference, samples, blocks, runs, late, start_s: 0.0 })
+        let smoothed = SmoothedReference::new(&counts, &reference, nominal, samples / BLOCK);
+        if let Some(smoothed) = &smoothed {
+            for channel in &mut blocks[..TIMING] {
+                let has_row = channel.iter_mut().zip(&smoothed.departure);
+                has_row.for_each(|(block, departure)| block.is_compared &= departure.is_some());
+            }
+        }
+        let reference = Arc::new(smoothed.as_ref().map_or(reference, |smoothed| smoothed.motion.clone()));
+        let smoothed = smoothed.map(Arc::new);
+        Ok(MeasuredData {
+            counts,
+            reference,
+            smoothed,
+            samples,
+            blocks,
+            runs: ModelCache::default(),
+            late,
+            start_s: 0.0,
+        })
     }
 
     /// Duration, s.
@@ -183,11 +214,12 @@ impl MeasuredData {
         counts.accumulated = std::array::from_fn(|_| vec![0.0; samples + 1]);
         let of_channel = |channel: usize| {
             let is_good = self.is_usable(channel);
-            (0..samples / BLOCK).map(|number| Block { is_good, restarts: number == 0 }).collect()
+            (0..samples / BLOCK).map(|number| Block { is_good, is_compared: is_good, restarts: number == 0 }).collect()
         };
         MeasuredData {
             counts,
             reference: Arc::new(motion),
+            smoothed: None,
             samples,
             blocks: std::array::from_fn(of_channel),
             runs: ModelCache::default(),
@@ -228,17 +260,21 @@ impl MeasuredData {
         self.counts.accumulated.get(channel).unwrap_or(&self.late)
     }
 
-    /// Block averages of measurement minus model, 0 in blocks that are not usable.
+    /// Block averages of measurement minus model along the reference's own rows, 0 in blocks that are not usable.
     pub fn residual(&self, model: &Series) -> Series {
         std::array::from_fn(|channel| {
             let measured = self.measured(channel);
+            let departure = |number: usize| {
+                let of_block = self.smoothed.as_ref().and_then(|smoothed| smoothed.departure[number]);
+                of_block.map_or(0.0, |gyros| gyros[channel])
+            };
             let average = |(number, block): (usize, &Block)| {
                 let residual = nodes(number).map(|node| measured[node] - model[channel][node]);
                 match channel {
-                    _ if !block.is_good => 0.0,
+                    _ if !block.is_compared => 0.0,
                     // A receive time may be late by any amount: the median.
                     TIMING => median(&mut residual.filter(|value| !value.is_nan()).collect::<Vec<_>>()),
-                    _ => residual.sum::<f64>() / BLOCK as f64,
+                    _ => residual.sum::<f64>() / BLOCK as f64 - departure(number),
                 }
             };
             self.blocks[channel].iter().enumerate().map(average).collect()
@@ -292,9 +328,13 @@ mod tests {
         (1..=2400).for_each(|node| counts.push(node as f64 * SAMPLE_INTERVAL_S, [0.0; 4], 20.0));
         let lost = |node: usize| Discontinuity { from: node, to: node + 1, gyros: [true; 4], kind: BreakKind::Gap(1) };
         counts.breaks = (1..2400).step_by(lost_each).map(lost).collect();
-        MeasuredData::new(counts, &ReferenceAttitude { start_ns: 0, truth, time_system: None })
-            .expect_err("too little")
-            .to_string()
+        MeasuredData::new(
+            counts,
+            &ReferenceAttitude { start_ns: 0, truth, time_system: None },
+            &Configuration::reference(),
+        )
+        .expect_err("too little")
+        .to_string()
     }
 
     #[test]

@@ -21,7 +21,7 @@ use crate::signature_bank::SignatureBank;
 use crate::spots::Spot;
 
 use acceptance::REJECTED_CHI2;
-use refine::is_possible;
+use refine::{SHAPE_CHI2, is_possible};
 
 pub use selected::{IdentifiedNoise, MAX_PER_GYRO, SelectedModel, SelectionStep};
 
@@ -37,6 +37,13 @@ const MIN_SHARE: f64 = 0.8;
 const NEAR_CHI2: f64 = 12.0;
 /// A time course is not fitted if a likelier one of the same amplitude explains as much up to this share.
 const NEEDLESS: f64 = 0.02;
+/// Scores that differ by less are equal.
+const EQUAL_CHI2: f64 = 0.5;
+/// A hypothesis is exchanged if another one is likelier by this, two sigma.
+const EXCHANGED_CHI2: f64 = 4.0;
+
+/// A fitted candidate: χ² reduction beyond its penalty, place among the candidates, state and equations with it.
+type Fit = (f64, usize, ModelState, NormalEquations);
 
 /// Selects the model that explains the recording best: effects of the bank, noise, or both; at most `per_gyro` + 1 effects on a gyro.
 pub fn select_model(
@@ -51,7 +58,7 @@ pub fn select_model(
         selected.prune(case);
         selected.settled(case, thresholds)
     };
-    let grown = |selected| grow(case, bank, thresholds, selected, per_gyro);
+    let grown = |selected| exchange(case, bank, thresholds, grow(case, bank, thresholds, selected, per_gyro));
     let effects_first = || finished(grown(SelectedModel::start(case, start.clone())));
     let noise_first = || {
         let mut noise = SelectedModel::start(case, start.clone());
@@ -79,36 +86,16 @@ fn grow(
     mut now: SelectedModel,
     per_gyro: usize,
 ) -> SelectedModel {
-    let penalty = |candidate: &Candidate| thresholds.penalty(candidate.family, &candidate.hypothesis);
-    let margin = |candidate: &Candidate| candidate.gain.chi2 - penalty(candidate);
     loop {
         let bank_now = bank.late(now.state.shifts.temperature_s);
         let candidates = search(&bank_now, &now.normal, &now.state, &|family| thresholds.required(family));
         let Some(first) = candidates.first() else { break };
-        let best = margin(first);
+        let best = first.gain.chi2 - thresholds.penalty(first.family, &first.hypothesis);
         if now.state.held.len() >= MAX_EFFECTS || (0..TIMING).any(|gyro| now.on(gyro).count() > per_gyro) {
             now.is_cut = best > 0.0;
             break;
         }
-        let fitted = |candidate: &Candidate| -> Option<(f64, usize, ModelState, NormalEquations)> {
-            let mut state = now.state.clone();
-            let held = FittedHypothesis::new(candidate.hypothesis.clone());
-            state.held.push(held.with_penalty(penalty(candidate), candidate.held_out));
-            let normal = case.fit(&mut state);
-            let fall = now.normal.squares() - normal.squares() - penalty(candidate);
-            // The first of the candidates with this spot.
-            let key = |spot: &Spot| (spot.base, spot.variation.clone(), spot.gyros);
-            let place = candidates.iter().position(|other| key(&other.spot) == key(&candidate.spot))?;
-            let is_accepted = fall > 0.0 && passes_cross_validation(&candidate.held_out);
-            (is_accepted && is_possible(state.held.last()?)).then_some((fall, place, state, normal))
-        };
-        let min_margin = (NEAR * best).min(best - NEAR_CHI2);
-        let near = candidates.iter().take(FITTED).filter(|candidate| {
-            candidate.gain.chi2 > MIN_SHARE * penalty(candidate) && margin(candidate) >= min_margin
-        });
-        let near = without_needless_courses(near.collect());
-        let tried: Vec<_> = near.into_par_iter().filter_map(fitted).collect();
-        let chosen = tried.into_iter().max_by(|one, other| one.0.total_cmp(&other.0));
+        let chosen = best_fit(case, thresholds, &now.state, &now.normal, &candidates);
         let mut step = SelectionStep { candidates: candidates.clone(), kept: None, added: None };
         let Some((_, place, state, normal)) = chosen else {
             now.steps.push(step);
@@ -125,6 +112,87 @@ fn grow(
         now.round_count(case);
     }
     now
+}
+
+/// Fits the best candidates beside a state; the likeliest of those that are acceptable.
+fn best_fit(
+    case: &DiagnosisCase,
+    thresholds: &Thresholds,
+    state: &ModelState,
+    normal: &NormalEquations,
+    candidates: &[Candidate],
+) -> Option<Fit> {
+    let penalty = |candidate: &Candidate| thresholds.penalty(candidate.family, &candidate.hypothesis);
+    let margin = |candidate: &Candidate| candidate.gain.chi2 - penalty(candidate);
+    let best = margin(candidates.first()?);
+    let fitted = |candidate: &Candidate| -> Option<Fit> {
+        let mut tried = state.clone();
+        let held = FittedHypothesis::new(candidate.hypothesis.clone());
+        tried.held.push(held.with_penalty(penalty(candidate), candidate.held_out));
+        let tried_normal = case.fit(&mut tried);
+        let fall = normal.squares() - tried_normal.squares() - penalty(candidate);
+        // The first of the candidates with this spot.
+        let key = |spot: &Spot| (spot.base, spot.variation.clone(), spot.gyros);
+        let place = candidates.iter().position(|other| key(&other.spot) == key(&candidate.spot))?;
+        let is_accepted = fall > 0.0 && passes_cross_validation(&candidate.held_out);
+        (is_accepted && is_possible(tried.held.last()?)).then_some((fall, place, tried, tried_normal))
+    };
+    let min_margin = (NEAR * best).min(best - NEAR_CHI2);
+    let near = candidates
+        .iter()
+        .take(FITTED)
+        .filter(|candidate| candidate.gain.chi2 > MIN_SHARE * penalty(candidate) && margin(candidate) >= min_margin);
+    let near = without_needless_courses(near.collect());
+    simplest(near.into_par_iter().filter_map(fitted).collect())
+}
+
+/// Replaces each of several hypotheses by a likelier one beside the others: an earlier one may have explained a part of a later one.
+fn exchange(
+    case: &DiagnosisCase,
+    bank: &SignatureBank,
+    thresholds: &Thresholds,
+    mut now: SelectedModel,
+) -> SelectedModel {
+    let count = now.state.held.len();
+    for index in (0..count).filter(|_| count > 1) {
+        let (state, normal, chi2) = now.without(case, index);
+        let bank_now = bank.late(state.shifts.temperature_s);
+        let candidates = search(&bank_now, &normal, &state, &|family| thresholds.required(family));
+        let Some(fit) = best_fit(case, thresholds, &state, &normal, &candidates) else { continue };
+        if score(&fit) <= chi2.fall - chi2.threshold - shape_price(&now.state.held[index]) + EXCHANGED_CHI2 {
+            continue;
+        }
+        now.remove(index);
+        let (_, place, state, normal) = fit;
+        now.steps.push(SelectionStep { candidates, kept: Some(state.held.len() - 1), added: Some(place) });
+        (now.state, now.normal) = (state, normal);
+        now.free_shapes(case);
+        now.round_count(case);
+        // The one behind it has moved to its place.
+        return exchange(case, bank, thresholds, now);
+    }
+    now
+}
+
+/// Price of the shapes of a time course, each that of a shape parameter.
+fn shape_price(held: &FittedHypothesis) -> f64 {
+    SHAPE_CHI2 * held.hypothesis.course_shapes.len() as f64
+}
+
+fn score(fit: &Fit) -> f64 {
+    fit.0 - fit.2.held.last().map_or(0.0, shape_price)
+}
+
+/// Of the fits the one with the highest score, each shape of its time course at the price of a shape
+/// parameter. Of those that are equal, the one with the least extraordinary amplitude: the smallest share of its largest value.
+fn simplest(tried: Vec<Fit>) -> Option<Fit> {
+    let share = |fit: &Fit| {
+        let last = fit.2.held.last().map(|held| &held.hypothesis);
+        last.map_or(0.0, |own| own.value.abs() / own.amplitude.size().max)
+    };
+    let best = tried.iter().map(score).fold(f64::NEG_INFINITY, f64::max);
+    let equal = tried.into_iter().filter(|fit| score(fit) > best - EQUAL_CHI2);
+    equal.min_by(|one, other| share(one).total_cmp(&share(other)))
 }
 
 /// Removes time courses that explain nearly the same as a likelier one of the same amplitude and gyros, or as the constant amplitude.

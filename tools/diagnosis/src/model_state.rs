@@ -12,6 +12,7 @@ use crate::amplitude::calibration_parameters;
 use crate::hypothesis::{Hypothesis, HypothesisParameter};
 use crate::measured::{CHANNELS, MeasuredData, Series, Shifts, TIMING};
 use crate::normal_equations::{NormalEquations, Nuisance, THIRDS};
+use crate::rounding::{Rounding, rounding};
 use crate::whitening::{NoiseModel, Whitening};
 
 /// Shift for the signature of a common lag.
@@ -45,11 +46,14 @@ pub struct FittedHypothesis {
 }
 
 impl FittedHypothesis {
-    /// Frees the amplitude and those shape parameters that have no default.
+    /// Frees the amplitude and those shape parameters that have no default. An onset at the start of the recording stays there: the
+    /// amplitude of what settled before is that at the start.
     pub fn new(hypothesis: Hypothesis) -> FittedHypothesis {
-        let (own, shapes) = (hypothesis.own_shapes.len(), hypothesis.amplitude.own_shapes());
-        let is_free = |index: usize| index == 0 || index > own || shapes[index - 1].role == Role::Onset;
-        let is_free = (0..hypothesis.parameters().len()).map(is_free).collect();
+        let own = hypothesis.own_shapes.len();
+        let is_free = |(index, parameter): (usize, &HypothesisParameter)| {
+            index == 0 || if parameter.role == Role::Onset { parameter.value != 0.0 } else { index > own }
+        };
+        let is_free = hypothesis.parameters().iter().enumerate().map(is_free).collect();
         FittedHypothesis { is_free, ..FittedHypothesis::fixed(hypothesis) }
     }
 
@@ -121,6 +125,8 @@ pub struct DiagnosisCase<'a> {
     pub nominal: &'a Configuration,
     /// Signatures of the calibration parameters and of the lag.
     pub nuisances: Vec<Nuisance>,
+    /// Rounding along the model's path.
+    pub rounding: Arc<Rounding>,
 }
 
 impl<'a> DiagnosisCase<'a> {
@@ -146,7 +152,7 @@ impl<'a> DiagnosisCase<'a> {
         let mut lag = measured.difference(&measured.run(nominal, Shifts { lag_s: LAG_S, ..Shifts::default() }), &from);
         lag.iter_mut().flatten().for_each(|value| *value /= LAG_S);
         nuisances.push(std::array::from_fn(|channel| (channel != TIMING).then(|| std::mem::take(&mut lag[channel]))));
-        DiagnosisCase { measured, nominal, nuisances }
+        DiagnosisCase { measured, nominal, nuisances, rounding: Arc::new(rounding(&from)) }
     }
 
     /// The configuration with another recording of the same motion, and only the calibration parameters as nuisances.
@@ -154,12 +160,15 @@ impl<'a> DiagnosisCase<'a> {
     where
         'a: 'b,
     {
-        let mut nuisances = match std::ptr::eq(measured, self.measured) {
-            true => self.nuisances.clone(),
-            false => DiagnosisCase::new(measured, self.nominal).nuisances,
+        let (mut nuisances, rounding) = match std::ptr::eq(measured, self.measured) {
+            true => (self.nuisances.clone(), self.rounding.clone()),
+            false => {
+                let other = DiagnosisCase::new(measured, self.nominal);
+                (other.nuisances, other.rounding)
+            }
         };
         nuisances.truncate(calibration_parameters().len());
-        DiagnosisCase { measured, nominal: self.nominal, nuisances }
+        DiagnosisCase { measured, nominal: self.nominal, nuisances, rounding }
     }
 
     /// The initial state.
@@ -187,7 +196,9 @@ impl<'a> DiagnosisCase<'a> {
 
     /// Whitening filters of a noise.
     pub fn whitenings(&self, noise: &[NoiseModel; CHANNELS]) -> [Whitening; CHANNELS] {
-        std::array::from_fn(|channel| Whitening::new(&noise[channel], &self.measured.blocks[channel]))
+        std::array::from_fn(|channel| {
+            Whitening::new(&noise[channel], &self.measured.blocks[channel], &self.rounding[channel])
+        })
     }
 
     /// The residual, and the signatures of all fitted parameters: nuisances, then the free parameters. Missing signatures are run and
@@ -349,7 +360,7 @@ impl ModelState {
 fn step(parameter: &HypothesisParameter) -> f64 {
     match parameter.role {
         // Two blocks, to average over the course within one.
-        Role::Onset => 10.0,
+        Role::Onset | Role::Duration => 10.0,
         Role::Phase => 0.02,
         _ if parameter.value != 0.0 => 0.02 * parameter.value.abs(),
         _ => 2e-3 * parameter.max.min(1e3),
@@ -359,7 +370,7 @@ fn step(parameter: &HypothesisParameter) -> f64 {
 /// Maximum change of a parameter in one step.
 fn max_change(parameter: &HypothesisParameter) -> f64 {
     match parameter.role {
-        Role::Onset => 300.0,
+        Role::Onset | Role::Duration => 300.0,
         Role::Phase => 0.5,
         Role::Period => 0.1 * parameter.value.abs(),
         Role::TimeConstant => 0.5 * parameter.value.abs(),

@@ -7,7 +7,8 @@ use crate::linear_algebra::{dot, factored, inverse_roots, lower};
 use crate::measured::{BLOCK, BLOCK_S, Block, CHANNELS, MeasuredData, Series, TIMING, median};
 use crate::model_state::DiagnosisCase;
 use crate::normal_equations::{Nuisance, RIDGE};
-use crate::whitening::{NoiseModel, ROUNDING, Whitening};
+use crate::rounding::{BlockRounding, Rounding};
+use crate::whitening::{NoiseModel, Whitening};
 
 /// Median of the absolute value of a standard normal variable.
 const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_081_7;
@@ -19,8 +20,8 @@ const WHITE_RANGE: f64 = 1.0;
 const CONVERGED: f64 = 0.02;
 /// Blocks in which the white noise is estimated separately, ten minutes.
 const WINDOW: usize = 120;
-/// Minimum white noise of an average of ten roundings, as a share of that of ten independent ones.
-const MIN_WHITE: f64 = 0.5;
+/// Minimum white noise in addition to rounding, counts²: a tenth of ten independent roundings, since the model's rate is not exact.
+const MIN_WHITE: f64 = 0.1 / 12.0 / BLOCK as f64;
 /// Minimum white noise of the times, 1 µs in units of the channel.
 const MIN_TIMING: f64 = 0.01;
 /// Factors at which a walk is evaluated before it is fitted.
@@ -55,12 +56,17 @@ impl NoiseModel {
     }
 }
 
-/// The configured walks, and the white noise of the residual: rounding and the reference.
+/// The configured walks, and the white noise of the residual in addition to rounding: that of the reference.
 ///
 /// The variance is that of second differences of neighbouring blocks, estimated by their median, which no missing effect changes.
-pub fn configured(configuration: &Configuration, measured: &MeasuredData, residual: &Series) -> [NoiseModel; CHANNELS] {
+pub fn configured(
+    configuration: &Configuration,
+    measured: &MeasuredData,
+    rounding: &Rounding,
+    residual: &Series,
+) -> [NoiseModel; CHANNELS] {
     std::array::from_fn(|channel| {
-        let variance = second_differences(&residual[channel], &measured.blocks[channel]);
+        let variance = second_differences(&residual[channel], &measured.blocks[channel], &rounding[channel]);
         let (angle_walk, rate_walk) = match configuration.gyros.get(channel).map(|gyro| &gyro.effects.constant) {
             Some(own) => (own.angle_random_walk.arcsec_per_sqrt_s, own.drift_random_walk.arcsec_per_s_per_sqrt_s),
             None => (0.0, 0.0),
@@ -74,19 +80,35 @@ pub fn configured(configuration: &Configuration, measured: &MeasuredData, residu
 
 /// Minimum white noise of a channel.
 fn min_white(channel: usize) -> f64 {
-    if channel == TIMING { MIN_TIMING.powi(2) } else { MIN_WHITE * ROUNDING / BLOCK as f64 }
+    if channel == TIMING { MIN_TIMING.powi(2) } else { MIN_WHITE }
 }
 
-/// Variance of second differences: from the median of their absolute values in each window, averaged over the windows except the
-/// extreme tenths, since rounding at rest differs from that of a scan. 0 without data.
-fn second_differences(series: &[f64], blocks: &[Block]) -> f64 {
-    let good = |window: &[Block]| window.iter().all(|block| block.is_good && !block.restarts);
-    let of_window = |(values, blocks): (&[f64], &[Block])| {
-        let triples = values.windows(3).zip(blocks.windows(3)).filter(|(_, blocks)| good(blocks));
-        let mut sizes: Vec<f64> = triples.map(|(values, _)| (values[0] - 2.0 * values[1] + values[2]).abs()).collect();
-        (sizes.len() >= WINDOW / 2).then(|| (median(&mut sizes) / MEDIAN_OF_NORMAL).powi(2))
+/// Variance of second differences without that of rounding: from the median of their absolute values in each window, averaged over the
+/// windows except the extreme tenths. 0 without data.
+fn second_differences(series: &[f64], blocks: &[Block], rounding: &[BlockRounding]) -> f64 {
+    let of_window = |((values, blocks), rounding): ((&[f64], &[Block]), &[BlockRounding])| {
+        let compared: Vec<usize> = (0..blocks.len()).filter(|&block| blocks[block].is_compared).collect();
+        // A slow reference has no rows in some blocks: evenly spaced neighbours without a break between them.
+        let is_even =
+            |at: &&[usize]| at[1] - at[0] == at[2] - at[1] && !blocks[at[0]..=at[2]].iter().any(|block| block.restarts);
+        let (mut sizes, mut roundings): (Vec<f64>, Vec<f64>) = compared
+            .windows(3)
+            .filter(is_even)
+            .map(|at| {
+                let [first, middle, last] = [at[0], at[1], at[2]];
+                let rounded = match last - first {
+                    2 => rounding[last].second_difference,
+                    _ => rounding[first].variance + 4.0 * rounding[middle].variance + rounding[last].variance,
+                };
+                ((values[first] - 2.0 * values[middle] + values[last]).abs(), rounded)
+            })
+            .unzip();
+        let rounded = median(&mut roundings);
+        let is_enough = 2 * sizes.len() >= compared.len() && compared.len() >= WINDOW / 8;
+        is_enough.then(|| (median(&mut sizes) / MEDIAN_OF_NORMAL).powi(2) - rounded)
     };
-    let mut variances: Vec<f64> = series.chunks(WINDOW).zip(blocks.chunks(WINDOW)).filter_map(of_window).collect();
+    let windows = series.chunks(WINDOW).zip(blocks.chunks(WINDOW)).zip(rounding.chunks(WINDOW));
+    let mut variances: Vec<f64> = windows.filter_map(of_window).collect();
     variances.sort_by(f64::total_cmp);
     let cut = variances.len() / 10;
     let middle = &variances[cut..variances.len() - cut];
@@ -114,7 +136,7 @@ fn deviance<'a>(
 ) -> impl Fn(&NoiseModel) -> f64 + use<'a> {
     let own: Vec<&[f64]> = nuisances.iter().filter_map(|column| column[channel].as_deref()).collect();
     move |noise: &NoiseModel| {
-        let whitening = Whitening::new(noise, &case.measured.blocks[channel]);
+        let whitening = Whitening::new(noise, &case.measured.blocks[channel], &case.rounding[channel]);
         let white = whitening.apply(&residual[channel]);
         let columns: Vec<Vec<f64>> = own.iter().map(|column| whitening.apply(column)).collect();
         let mut gram = DMatrix::zeros(columns.len(), columns.len());

@@ -68,6 +68,11 @@ pub struct ProjectedSignature {
 }
 
 impl ProjectedSignature {
+    /// True if the square of a difference of two signatures is one of rounding errors.
+    pub fn is_cancelled(&self, one: &ProjectedSignature, other: &ProjectedSignature) -> bool {
+        self.own < MIN_REMAINDER * (one.own + other.own)
+    }
+
     /// Square of a sum of parts without its projection on the nuisances; `None` if it is not distinguishable from them.
     fn remaining_square(parts: &[&ProjectedSignature]) -> Option<f64> {
         let own: f64 = parts.iter().map(|part| part.own).sum();

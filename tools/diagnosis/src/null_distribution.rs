@@ -5,13 +5,14 @@
 //! threshold; the families share the false alarm rate equally.
 
 use geu_model::noise::NoiseStream;
+use geu_model::package::Axes;
 use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::Gyro;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::hypothesis::Hypothesis;
-use crate::measured::{BLOCK, CHANNELS, Series, Shifts, TIMING, nodes};
+use crate::measured::{BLOCK, CHANNELS, Series, TIMING, nodes};
 use crate::model_state::DiagnosisCase;
 use crate::noise::Walk;
 use crate::normal_equations::{NormalEquations, ProjectedSignature};
@@ -20,7 +21,7 @@ use crate::signature::reaches;
 use crate::signature_bank::{Column, HypothesisFamily, SignatureBank, Variation};
 use crate::sweep::{Part, sweep};
 use crate::whiteness::{kurtosis, whiteness_statistic};
-use crate::whitening::{NoiseModel, ROUNDING};
+use crate::whitening::NoiseModel;
 
 /// Number of null recordings.
 pub const RUNS: usize = 128;
@@ -76,12 +77,12 @@ impl Thresholds {
 pub fn thresholds(
     case: &DiagnosisCase,
     bank: &SignatureBank,
+    path: &Series,
     normal: &NormalEquations,
     noise: &[NoiseModel; CHANNELS],
     seed: u64,
 ) -> Thresholds {
-    let model = case.measured.run(case.nominal, Shifts::default());
-    let raw = |run: usize| draw(case, &model, noise, seed.wrapping_add(run as u64));
+    let raw = |run: usize| draw(case, path, noise, seed.wrapping_add(run as u64));
     let drawn: Vec<Series> = (0..RUNS).into_par_iter().map(|run| normal.projected_residual_of(&raw(run))).collect();
     // The runs of each block are contiguous.
     let blocks = drawn[0][0].len();
@@ -183,8 +184,10 @@ fn draw(case: &DiagnosisCase, model: &Series, noise: &[NoiseModel; CHANNELS], se
         let mut stream = NoiseStream::new(seed, Gyro::ALL[channel], "null");
         let (root_s, mut rate) = (SAMPLE_INTERVAL_S.sqrt(), DRIFT_ARCSEC_S * stream.standard_normal());
         let mut walk = 100.0 * stream.standard_normal();
-        // White noise in addition to rounding.
-        let additional = (own.white - ROUNDING / BLOCK as f64).max(0.0).sqrt();
+        // The noise of the reference is common to the gyros of an axis.
+        let additional = own.white.sqrt();
+        let axis = Axes::of(Gyro::ALL[channel]).input_control.iter().position(|share| *share != 0.0).unwrap_or(0);
+        let mut of_reference = NoiseStream::of_sensor(seed, ["null X", "null Y", "null Z"][axis]);
         let mut of_block = |block: usize| {
             let mut sum = 0.0;
             for node in nodes(block) {
@@ -193,7 +196,7 @@ fn draw(case: &DiagnosisCase, model: &Series, noise: &[NoiseModel; CHANNELS], se
                 let angle = model[channel][node];
                 sum += (angle + walk).round() - angle;
             }
-            sum / BLOCK as f64 + additional * stream.standard_normal()
+            sum / BLOCK as f64 + additional * of_reference.standard_normal()
         };
         (0..blocks.len()).map(&mut of_block).collect()
     })

@@ -11,6 +11,8 @@ const HALVINGS: usize = 5;
 const ONSET_SHARE: f64 = 1.0 / 96.0;
 /// First step of a period, as a share of the period.
 const PERIOD_SHARE: f64 = 0.08;
+/// First step of a time constant, as a share of it.
+const TIME_CONSTANT_SHARE: f64 = 0.3;
 /// First step of a phase.
 const PHASE_RAD: f64 = 0.3;
 
@@ -24,7 +26,10 @@ pub fn maximise(start: Variation, duration_s: f64, of: &dyn Fn(&Variation) -> f6
         .iter()
         .zip(&shapes)
         .map(|(number, value)| match number.role {
-            Role::Onset => duration_s * ONSET_SHARE,
+            // The start of the recording is an onset of its own.
+            Role::Onset if *value == 0.0 => 0.0,
+            Role::Onset | Role::Duration => duration_s * ONSET_SHARE,
+            Role::TimeConstant => TIME_CONSTANT_SHARE * value,
             Role::Phase => PHASE_RAD,
             _ => PERIOD_SHARE * value,
         })
@@ -33,13 +38,13 @@ pub fn maximise(start: Variation, duration_s: f64, of: &dyn Fn(&Variation) -> f6
     while halved < HALVINGS && !shapes.is_empty() {
         let mut is_higher = false;
         for index in 0..shapes.len() {
-            for step in [steps[index], -steps[index]] {
+            for step in [steps[index], -steps[index]].into_iter().filter(|step| *step != 0.0) {
                 let mut tried = shapes.clone();
                 tried[index] += step;
                 let number = &COURSES[kind].shapes[index];
                 // Less than half of a period is not distinguishable from a ramp.
                 let max = match number.role {
-                    Role::Onset => duration_s,
+                    Role::Onset | Role::Duration | Role::TimeConstant => duration_s,
                     Role::Phase => f64::INFINITY,
                     _ => 2.01 * duration_s,
                 };
@@ -65,7 +70,10 @@ mod tests {
 
     #[test]
     fn maximum_between_grid_points_is_found() {
-        let kind = COURSES.iter().position(|kind| kind.shapes.len() == 2).expect("a periodic course");
+        let kind = COURSES
+            .iter()
+            .position(|kind| kind.shapes.iter().any(|shape| shape.role == Role::Phase))
+            .expect("a periodic course");
         let of = |variation: &Variation| match variation {
             Variation::Course { shapes, .. } => -((shapes[0] - 5130.0) / 800.0).powi(2) - (shapes[1] - 0.7).powi(2),
             _ => f64::NAN,

@@ -1,9 +1,12 @@
 //! All time courses of one signature, projected on the nuisances.
 //!
-//! A wave of any phase is a sum of two waves with a quarter period between them, so that only these two are whitened.
+//! A wave of any phase is a sum of two waves with a quarter period between them, so that only these two are whitened; a pulse is the
+//! difference of two steps.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
+use crate::amplitude::STEP;
+use crate::courses::pulse_onsets_s;
 use crate::linear_algebra::dot;
 use crate::measured::CHANNELS;
 use crate::normal_equations::{NormalEquations, ProjectedSignature};
@@ -11,6 +14,8 @@ use crate::signature_bank::{Column, ConstantSignature, SignatureBank, Variation}
 
 /// Searched phases of a wave, over half a period.
 const PHASES: usize = 16;
+/// Onsets of the grid differ by more.
+const SAME_ONSET_S: f64 = 1e-3;
 
 /// A linear function of a signature on one channel.
 pub trait Linear: Sized {
@@ -31,6 +36,28 @@ impl<const COUNT: usize> Linear for [f32; COUNT] {
 
 /// A projected signature on one channel, and a linear function of it.
 pub type Part<T> = Option<(ProjectedSignature, T)>;
+
+/// A step, which pulses are made of.
+struct Step<T> {
+    onset_s: f64,
+    white: [Option<Column>; CHANNELS],
+    parts: [Part<T>; CHANNELS],
+}
+
+impl<T: Linear> Step<T> {
+    /// Parts of the pulse that ends with another step.
+    fn minus(&self, end: &Step<T>) -> [Part<T>; CHANNELS] {
+        std::array::from_fn(|channel| {
+            let ((one, one_linear), (other, other_linear)) =
+                (self.parts[channel].as_ref()?, end.parts[channel].as_ref()?);
+            let (begin, end) = (self.white[channel].as_ref()?, end.white[channel].as_ref()?);
+            let both = dot(&begin.values[end.from - begin.from..], &end.values);
+            let projected = ProjectedSignature::sum((1.0, one), (-1.0, other), both);
+            let is_silent = projected.is_cancelled(one, other);
+            (!is_silent).then(|| (projected, T::sum((1.0, one_linear), (-1.0, other_linear))))
+        })
+    }
+}
 
 /// Passes each time course of a signature to `push`. `linear` is evaluated for the whitened signature on a channel.
 pub fn sweep<T: Linear>(
@@ -54,9 +81,22 @@ pub fn sweep<T: Linear>(
             Some((normal.project(&normal.products(channel, white)), linear(channel, white)))
         })
     };
+    let mut steps: Vec<Step<T>> = Vec::new();
     for variation in bank.variations(base) {
+        if let Some(onsets_s) = pulse_onsets_s(&variation) {
+            let at = |onset_s: f64| steps.iter().find(|step| (step.onset_s - onset_s).abs() < SAME_ONSET_S);
+            if let [Some(begin), Some(end)] = onsets_s.map(at) {
+                push(&variation, &begin.minus(end));
+            }
+            continue;
+        }
         let white = whitened(&variation);
         let own = parts(&white);
+        if let (Some(STEP), Variation::Course { shapes, .. }) = (variation.kind(), &variation) {
+            push(&variation, &own);
+            steps.push(Step { onset_s: shapes[0], white, parts: own });
+            continue;
+        }
         let Some(quarter) = variation.at_phase(FRAC_PI_2) else {
             push(&variation, &own);
             continue;

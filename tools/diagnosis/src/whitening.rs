@@ -1,18 +1,16 @@
 //! Whitening filter of an accumulated angle: noise becomes white, of variance 1.
 //!
-//! A Kalman filter of angle and drift rate predicts each block from those before it; the innovation over its own deviation is
-//! white. The filter is linear and independent of the data, thus the same for a residual and for every signature (Willsky and Jones).
+//! A Kalman filter of angle, drift rate and rounding error predicts each block from those before it; the innovation over its own
+//! deviation is white. The filter is linear and independent of the data, thus the same for a residual and for every signature (Willsky and Jones).
 //! After a restart of the sum the first block only initialises the angle.
 
 use crate::measured::{BLOCK, BLOCK_S, Block};
-
-/// Variance of a rounded number, even between two whole ones.
-pub const ROUNDING: f64 = 1.0 / 12.0;
+use crate::rounding::BlockRounding;
 
 /// Noise of one channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NoiseModel {
-    /// Variance of a block's average: rounding and the reference.
+    /// Variance of a block's average in addition to rounding, such as that of the reference.
     pub white: f64,
     /// Growth of the angle's deviation with the root of time, per √s.
     pub angle_walk: f64,
@@ -25,50 +23,88 @@ const MEAN: f64 = (BLOCK as f64 + 1.0) / (2.0 * BLOCK as f64);
 /// Variance of that average, as a share of the walk's variance at the end of the block.
 const VARIANCE: f64 = (BLOCK as f64 + 1.0) * (2.0 * BLOCK as f64 + 1.0) / (6.0 * BLOCK as f64 * BLOCK as f64);
 
+/// The filter at one block.
+#[derive(Debug, Clone, Copy)]
+struct Step {
+    /// Gains on angle and rate at its end, and on the rounding error of the next block.
+    gains: [f64; 3],
+    /// Rounding error of the next block per that of this one.
+    persistence: f64,
+    /// Inverse sigma of the innovation; 0 for a block without data.
+    weight: f64,
+}
+
 /// The filter for one channel.
 #[derive(Debug, Clone)]
 pub struct Whitening {
-    /// For each block the gains on angle and rate at its end, and the inverse sigma of the innovation: 0 for a block without data.
-    steps: Vec<([f64; 2], f64)>,
+    /// For each block.
+    steps: Vec<Step>,
     /// Σ ln of the innovations' variances.
     pub log_determinant: f64,
 }
 
 impl Whitening {
-    /// The filter of this noise over these blocks.
-    pub fn new(noise: &NoiseModel, blocks: &[Block]) -> Whitening {
+    /// The filter of this noise over these blocks with this rounding.
+    pub fn new(noise: &NoiseModel, blocks: &[Block], rounding: &[BlockRounding]) -> Whitening {
         let (angle, drift, t) = (noise.angle_walk.powi(2) * BLOCK_S, noise.rate_walk.powi(2), BLOCK_S);
         let mean_s = MEAN * t;
-        // At the start the angle is free, since a common time shift changes the angle before. The initial rate is a calibration
-        // parameter, not noise.
+        // Covariances of angle, rate and rounding error. At the start the angle is free, since a common time shift changes the angle
+        // before. The initial rate is a calibration parameter, not noise.
         let (mut aa, mut ad, mut dd) = (0.0, 0.0, 0.0);
+        let (mut ae, mut de, mut ee) = (0.0, 0.0, rounding.first().map_or(0.0, |first| first.variance));
         let (mut anew, mut log_determinant) = (true, 0.0);
-        let step = |block: &Block| {
-            // Of the average with itself, and with angle and rate at the block's end.
-            let innovation = aa + 2.0 * mean_s * ad + mean_s * mean_s * dd + VARIANCE * angle + noise.white;
-            let with_angle = aa + (mean_s + t) * ad + mean_s * t * dd + MEAN * angle;
-            let with_rate = ad + mean_s * dd;
+        let step = |(number, block): (usize, &Block)| {
+            let own = rounding[number];
+            anew |= block.restarts;
+            // Of the average with itself, and with angle, rate and rounding error at the block's end.
+            let with_rate = ad + mean_s * dd + de;
+            let with_error = ae + mean_s * de + ee;
+            let with_angle = aa + (mean_s + t) * ad + mean_s * t * dd + MEAN * angle + ae + t * de;
+            let innovation = aa
+                + 2.0 * mean_s * ad
+                + mean_s * mean_s * dd
+                + VARIANCE * angle
+                + noise.white
+                + 2.0 * (ae + mean_s * de)
+                + ee;
             aa += 2.0 * t * ad + t * t * dd + angle + drift * t.powi(3) / 3.0;
             ad += t * dd + drift * t * t / 2.0;
             dd += drift * t;
-            anew |= block.restarts;
-            if !block.is_good {
-                return ([0.0; 2], 0.0);
-            }
-            if std::mem::take(&mut anew) {
+            ae += t * de;
+            let mut gains = [0.0; 3];
+            let mut weight = 0.0;
+            if block.is_compared && std::mem::take(&mut anew) {
                 // The angle at the end is the average and what came after its mean time.
                 let left_s = t - mean_s;
-                (aa, ad) = (noise.white + (1.0 - 2.0 * MEAN + VARIANCE) * angle + left_s * left_s * dd, left_s * dd);
-                return ([1.0, 0.0], 0.0);
+                let rest = (1.0 - 2.0 * MEAN + VARIANCE) * angle;
+                aa = noise.white + rest + left_s * left_s * dd + ee - 2.0 * left_s * de;
+                (ad, ae) = (left_s * dd - de, left_s * de - ee);
+                gains[0] = 1.0;
+            } else if block.is_compared {
+                gains = [with_angle, with_rate, with_error].map(|covariance| covariance / innovation);
+                aa -= gains[0] * with_angle;
+                ad -= gains[0] * with_rate;
+                dd -= gains[1] * with_rate;
+                ae -= gains[0] * with_error;
+                de -= gains[1] * with_error;
+                ee -= gains[2] * with_error;
+                log_determinant += innovation.ln();
+                weight = 1.0 / innovation.sqrt();
             }
-            let gains = [with_angle / innovation, with_rate / innovation];
-            aa -= gains[0] * with_angle;
-            ad -= gains[0] * with_rate;
-            dd -= gains[1] * with_rate;
-            log_determinant += innovation.ln();
-            (gains, 1.0 / innovation.sqrt())
+            // The phase of the accumulated angle after a break is another one.
+            let next = match (rounding.get(number + 1), blocks.get(number + 1)) {
+                (Some(next), Some(block)) if block.restarts => BlockRounding { correlation: 0.0, ..*next },
+                (Some(next), _) => *next,
+                (None, _) => BlockRounding::NONE,
+            };
+            let persistence =
+                if own.variance > 0.0 { next.correlation * (next.variance / own.variance).sqrt() } else { 0.0 };
+            (ae, de) = (persistence * ae, persistence * de);
+            ee = persistence * persistence * ee + next.variance * (1.0 - next.correlation * next.correlation);
+            gains[2] *= persistence;
+            Step { gains, persistence, weight }
         };
-        let steps = blocks.iter().map(step).collect();
+        let steps = blocks.iter().enumerate().map(step).collect();
         Whitening { steps, log_determinant }
     }
 
@@ -80,12 +116,13 @@ impl Whitening {
     /// Whitens a series that is 0 before the block `from`; `series` contains the blocks from there on.
     pub fn apply_from(&self, from: usize, series: &[f64]) -> Vec<f64> {
         const MEAN_S: f64 = MEAN * BLOCK_S;
-        let (mut angle, mut rate) = (0.0, 0.0);
-        let innovations = self.steps[from..].iter().zip(series).map(|((gains, weight), measured)| {
-            let innovation = measured - angle - rate * MEAN_S;
-            angle += rate * BLOCK_S + gains[0] * innovation;
-            rate += gains[1] * innovation;
-            innovation * weight
+        let (mut angle, mut rate, mut error) = (0.0, 0.0, 0.0);
+        let innovations = self.steps[from..].iter().zip(series).map(|(step, measured)| {
+            let innovation = measured - angle - rate * MEAN_S - error;
+            angle += rate * BLOCK_S + step.gains[0] * innovation;
+            rate += step.gains[1] * innovation;
+            error = step.persistence * error + step.gains[2] * innovation;
+            innovation * step.weight
         });
         innovations.collect()
     }
@@ -105,8 +142,8 @@ mod tests {
     fn whitened_walks_are_white_across_a_break() {
         for angle_walk in [0.01, 0.3] {
             let noise = NoiseModel { white: 1.0 / 120.0, angle_walk, rate_walk: 8e-6 };
-            let mut blocks = vec![Block { is_good: true, restarts: false }; 20_000];
-            blocks[9_000] = Block { is_good: false, restarts: true };
+            let mut blocks = vec![Block { is_good: true, is_compared: true, restarts: false }; 20_000];
+            blocks[9_000] = Block { is_good: false, is_compared: false, restarts: true };
             let (mut state, mut angle, mut rate) = (1u64, 0.0, 0.0);
             let mut normal = || (0..12).map(|_| draw(&mut state)).sum::<f64>();
             let step_s = BLOCK_S / BLOCK as f64;
@@ -122,7 +159,7 @@ mod tests {
                     average + jump + noise.white.sqrt() * normal()
                 })
                 .collect();
-            let white = Whitening::new(&noise, &blocks).apply(&series);
+            let white = Whitening::new(&noise, &blocks, &vec![BlockRounding::NONE; blocks.len()]).apply(&series);
             let variance = white.iter().map(|value| value * value).sum::<f64>() / 19_997.0;
             let neighbours = white.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>() / 19_997.0;
             // Four deviations: √(2/20 000) and √(1/20 000).

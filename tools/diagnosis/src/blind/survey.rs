@@ -4,7 +4,7 @@
 //! The nuisance parameters of a Cramér–Rao bound are the calibration parameters, the common lag and the random walks, without the
 //! shape parameters of the effect.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use geu_calibration::CountsReader;
 use geu_model::Configuration;
@@ -21,6 +21,7 @@ use crate::noise;
 use crate::normal_equations::{NormalEquations, Nuisance};
 use crate::null_distribution::Thresholds;
 use crate::outcome::{DiagnosedEffect, Diagnosis};
+use crate::rounding::Rounding;
 use crate::signature::Signature;
 use crate::signature_bank::SignatureBank;
 use crate::whitening::NoiseModel;
@@ -46,6 +47,7 @@ pub struct TrialMotion {
     from: Series,
     noise: [NoiseModel; CHANNELS],
     nuisances: Vec<Nuisance>,
+    rounding: Arc<Rounding>,
     normal: NormalEquations,
     bank: OnceLock<SignatureBank>,
     thresholds: OnceLock<Thresholds>,
@@ -61,15 +63,15 @@ impl TrialMotion {
         let mut reader = CountsReader::default();
         recording.rows.iter().for_each(|row| reader.row(row));
         let counts = reader.finish(nominal.start_unix_ns).ok_or(MeasuredError::Empty)?;
-        let measured = MeasuredData::new(counts, &recording.reference)?;
+        let measured = MeasuredData::new(counts, &recording.reference, &nominal)?;
         let from = measured.run(&nominal, Shifts::default());
         let residual = measured.residual(&from);
-        let noise = noise::configured(&nominal, &measured, &residual);
         let case = DiagnosisCase::new(&measured, &nominal);
+        let noise = noise::configured(&nominal, &measured, &case.rounding, &residual);
         let normal = NormalEquations::new(case.whitenings(&noise), &residual, &case.nuisances, &[]);
-        let nuisances = case.nuisances;
+        let DiagnosisCase { nuisances, rounding, .. } = case;
         let (bank, thresholds) = Default::default();
-        Ok(TrialMotion { nominal, duration_s, measured, from, noise, nuisances, normal, bank, thresholds })
+        Ok(TrialMotion { nominal, duration_s, measured, from, noise, nuisances, rounding, normal, bank, thresholds })
     }
 
     /// The unit with a hypothesis.
@@ -166,7 +168,8 @@ impl TrialMotion {
     fn similar(&self, hypothesis: &Hypothesis, temperature_late_s: f64) -> Vec<Alternative> {
         let bank = self.bank.get_or_init(|| SignatureBank::new(&self.measured, &self.nominal));
         let nuisances = self.nuisances.clone();
-        let case = DiagnosisCase { measured: &self.measured, nominal: &self.nominal, nuisances };
+        let rounding = self.rounding.clone();
+        let case = DiagnosisCase { measured: &self.measured, nominal: &self.nominal, nuisances, rounding };
         let mut state = case.start(self.noise);
         state.held.push(FittedHypothesis::new(hypothesis.clone()));
         similar_hypotheses(&case, &bank.late(temperature_late_s), &state, 0)

@@ -120,12 +120,15 @@ impl<'a> TrialGenerator<'a> {
         (-2.0 * radius.ln()).sqrt() * (TAU * turn).cos()
     }
 
-    /// Draws onset, period, phase and time constant; other shape parameters keep their default.
+    /// Draws onset, duration, period, phase and time constant; other shape parameters keep their default.
     fn shape(&mut self, number: &ParameterSpec) -> f64 {
         let duration_s = self.motion.duration_s;
         let default = number.default.initial();
         match (number.role, number.default) {
             (Role::Onset, _) => self.between(WITHIN.map(|share| share * duration_s)),
+            (Role::Duration, _) | (Role::TimeConstant, DefaultValue::Required) => {
+                self.log_between([SHORTEST_PERIOD_S.min(0.3 * duration_s), 0.3 * duration_s])
+            }
             (Role::Period, _) => self.log_between([SHORTEST_PERIOD_S.min(duration_s), duration_s]),
             (Role::Phase, _) => self.between([0.0, TAU]),
             (Role::TimeConstant, DefaultValue::Value(value)) => {

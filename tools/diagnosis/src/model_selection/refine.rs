@@ -12,7 +12,7 @@ use crate::temperature_lag::{LaggedFit, likeliest};
 use super::selected::SelectedModel;
 
 /// A shape parameter with a default is fitted if χ² falls by this, two sigma, or if its relative sigma is below [`SHAPE_SIGMA`].
-const SHAPE_CHI2: f64 = 4.0;
+pub(super) const SHAPE_CHI2: f64 = 4.0;
 /// See [`SHAPE_CHI2`].
 const SHAPE_SIGMA: f64 = 0.2;
 /// First shift of an onset in the search for its limits, s.
