@@ -49,7 +49,7 @@ pub enum Role {
     Count,
     /// The time from which something holds.
     Onset,
-    /// How long something holds.
+    /// A duration.
     Duration,
     /// A period.
     Period,

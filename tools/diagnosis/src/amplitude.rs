@@ -213,6 +213,20 @@ impl AmplitudeRef {
         self.kind.map_or(&[], |kind| COURSES[kind].shapes)
     }
 
+    /// Names of the shape parameters of the effect and of its time course; the latter begin with its name if the effect has the same
+    /// one.
+    pub fn shape_names(&self) -> [Vec<String>; 2] {
+        let own: Vec<String> = self.own_shapes().iter().map(|number| number.name.to_owned()).collect();
+        let course = |number: &ParameterSpec| match self.kind {
+            Some(kind) if own.iter().any(|own| own == number.name) => {
+                format!("{}_{}", COURSES[kind].name.trim_start_matches('-'), number.name)
+            }
+            _ => number.name.to_owned(),
+        };
+        let course = self.course_shapes().iter().map(course).collect();
+        [own, course]
+    }
+
     /// The gyros that can have it.
     pub fn gyros(&self) -> Gyros {
         Gyro::ALL.map(|gyro| self.list() != Some(EffectList::Head) || Axes::of(gyro).has_number(self.number().name))

@@ -76,7 +76,7 @@ impl Variation {
     }
 }
 
-/// Onsets of the two steps whose difference is a pulse; `None` for other time courses.
+/// Onset and end of a pulse: it is the difference of two steps; `None` for other time courses.
 pub fn pulse_onsets_s(variation: &Variation) -> Option<[f64; 2]> {
     let Variation::Course { kind, shapes } = variation else { return None };
     let at = |role: Role| COURSES[*kind].shapes.iter().position(|number| number.role == role);

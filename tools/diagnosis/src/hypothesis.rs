@@ -44,14 +44,17 @@ impl Hypothesis {
             Some(formula) => AmplitudeRef::term(formula),
             None => AmplitudeRef::every().flat_map(AmplitudeRef::with_courses).find(is_own)?,
         };
-        let shapes = |numbers: &[ParameterSpec]| -> Vec<f64> {
-            numbers.iter().map(|number| value(number.name).unwrap_or(number.default.initial())).collect()
+        let shapes = |numbers: &[ParameterSpec], names: Vec<String>| -> Vec<f64> {
+            let shapes = numbers.iter().zip(names);
+            shapes.map(|(number, name)| value(&name).unwrap_or(number.default.initial())).collect()
         };
+        let [own_names, course_names] = amplitude.shape_names();
+        let own_shapes = if amplitude.has_signature() { shapes(amplitude.own_shapes(), own_names) } else { Vec::new() };
         let hypothesis = Hypothesis {
             amplitude,
             value: value(&amplitude.size().name)?,
-            own_shapes: if amplitude.has_signature() { shapes(amplitude.own_shapes()) } else { Vec::new() },
-            course_shapes: shapes(amplitude.course_shapes()),
+            own_shapes,
+            course_shapes: shapes(amplitude.course_shapes(), course_names),
             gyros,
         };
         hypothesis.is_within_limits().then_some(hypothesis)
@@ -137,18 +140,19 @@ impl Hypothesis {
 
     /// Numbers: name, value and limits; the amplitude first.
     pub fn parameters(&self) -> Vec<HypothesisParameter> {
-        let of = |(number, value): (&ParameterSpec, &f64)| HypothesisParameter {
-            name: number.name.to_owned(),
+        let of = |((number, value), name): ((&ParameterSpec, &f64), String)| HypothesisParameter {
+            name,
             role: number.role,
             value: *value,
             min: number.min,
             max: number.max,
         };
+        let [own_names, course_names] = self.amplitude.shape_names();
         let Size { name, min, max, .. } = self.amplitude.size();
         let role = self.amplitude.number().role;
         let amplitude = HypothesisParameter { name, role, value: self.value, min, max };
-        let own = self.amplitude.own_shapes().iter().zip(&self.own_shapes).map(of);
-        let course = self.amplitude.course_shapes().iter().zip(&self.course_shapes).map(of);
+        let own = self.amplitude.own_shapes().iter().zip(&self.own_shapes).zip(own_names).map(of);
+        let course = self.amplitude.course_shapes().iter().zip(&self.course_shapes).zip(course_names).map(of);
         std::iter::once(amplitude).chain(own).chain(course).collect()
     }
 

@@ -146,7 +146,7 @@ fn best_fit(
     simplest(near.into_par_iter().filter_map(fitted).collect())
 }
 
-/// Replaces each of several hypotheses by a likelier one beside the others: an earlier one may have explained a part of a later one.
+/// Replaces each of several hypotheses by a likelier hypothesis beside the others: an earlier one may have explained a part of a later one.
 fn exchange(
     case: &DiagnosisCase,
     bank: &SignatureBank,
@@ -159,7 +159,7 @@ fn exchange(
         let bank_now = bank.late(state.shifts.temperature_s);
         let candidates = search(&bank_now, &normal, &state, &|family| thresholds.required(family));
         let Some(fit) = best_fit(case, thresholds, &state, &normal, &candidates) else { continue };
-        if score(&fit) <= chi2.fall - chi2.threshold - shape_price(&now.state.held[index]) + EXCHANGED_CHI2 {
+        if score(&fit) <= chi2.fall - chi2.threshold - shape_penalty(&now.state.held[index]) + EXCHANGED_CHI2 {
             continue;
         }
         now.remove(index);
@@ -174,17 +174,17 @@ fn exchange(
     now
 }
 
-/// Price of the shapes of a time course, each that of a shape parameter.
-fn shape_price(held: &FittedHypothesis) -> f64 {
+/// Penalty of the shapes of a time course: that of a shape parameter for each.
+fn shape_penalty(held: &FittedHypothesis) -> f64 {
     SHAPE_CHI2 * held.hypothesis.course_shapes.len() as f64
 }
 
 fn score(fit: &Fit) -> f64 {
-    fit.0 - fit.2.held.last().map_or(0.0, shape_price)
+    fit.0 - fit.2.held.last().map_or(0.0, shape_penalty)
 }
 
-/// Of the fits the one with the highest score, each shape of its time course at the price of a shape
-/// parameter. Of those that are equal, the one with the least extraordinary amplitude: the smallest share of its largest value.
+/// The fit with the highest score, each shape of its time course with the penalty of a shape
+/// parameter. Among equal fits, that with the smallest amplitude, as a share of its largest value.
 fn simplest(tried: Vec<Fit>) -> Option<Fit> {
     let share = |fit: &Fit| {
         let last = fit.2.held.last().map(|held| &held.hypothesis);

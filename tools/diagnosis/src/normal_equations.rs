@@ -68,7 +68,7 @@ pub struct ProjectedSignature {
 }
 
 impl ProjectedSignature {
-    /// True if the square of a difference of two signatures is one of rounding errors.
+    /// True if the square of a difference of two signatures results from rounding errors.
     pub fn is_cancelled(&self, one: &ProjectedSignature, other: &ProjectedSignature) -> bool {
         self.own < MIN_REMAINDER * (one.own + other.own)
     }

@@ -71,8 +71,12 @@ mod tests {
     use crate::package::Axes;
 
     const LAW: PivotClearance = PivotClearance { clearance_arcsec: 14.0, preferred_arcsec: 0.0 };
-    const TEMPERATURES: Temperatures =
-        Temperatures { electronics_c: 20.0, electronics_reference_c: 20.0, electronics_rate_k_per_h: 0.0, sensor_c: 70.0 };
+    const TEMPERATURES: Temperatures = Temperatures {
+        electronics_c: 20.0,
+        electronics_reference_c: 20.0,
+        electronics_rate_k_per_h: 0.0,
+        sensor_c: 70.0,
+    };
 
     /// Float of GYRX after `seconds` at a constant rate about Y, its output axis.
     fn after(float: f64, rate_arcsec_s: f64, seconds: f64) -> f64 {

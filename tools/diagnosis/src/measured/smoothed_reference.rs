@@ -13,11 +13,11 @@ use nalgebra::{Matrix3x4, Matrix4x3, Vector3, Vector4};
 
 use super::{TIMING, median, nodes};
 
-/// A reference with rows at least as frequent is used as it is if it is exact.
+/// Spacing of rows up to which an exact reference is used as it is.
 const MAX_SPACING_S: f64 = 1.2 * SAMPLE_INTERVAL_S;
 /// Sigma of a row's angle below which a reference is exact: rounding of the gyros' counts alone shows 0.4.
 const EXACT_ARCSEC: f64 = 0.6;
-/// Reach of the smoothing to either side, and its least number of rows: a scale factor that is off turns the difference at the start of a
+/// Reach of the smoothing to either side, and the minimum number of rows: a scale factor that is off turns the difference at the start of a
 /// slew, and noise of 3″ each second leaves a rate of 0.02″/s.
 const REACH_S: f64 = 30.0;
 const REACH_ROWS: usize = 4;
