@@ -76,7 +76,8 @@ impl ElectronicsCourse {
         let Electronics { amplitude_k, period_s, phase_rad, trend_k_per_day, .. } = self.numbers;
         let mut rate_k_per_s = trend_k_per_day / S_PER_DAY;
         if let (Some(first), Some(last)) = (self.table.first(), self.table.last()) {
-            let at = |t_s: f64| t_s.clamp(first.0, last.0);
+            // Times of a recording may run back.
+            let at = |t_s: f64| t_s.max(first.0).min(last.0);
             let (from_s, to_s) = (at(t_s - 0.5 * RATE_SPAN_S), at(t_s + 0.5 * RATE_SPAN_S));
             if to_s > from_s {
                 rate_k_per_s += (interpolate(&self.table, to_s) - interpolate(&self.table, from_s)) / (to_s - from_s);
