@@ -10,9 +10,10 @@ use geu_diagnosis::outcome::{Chi2Fall, Class, DiagnosedEffect, Diagnosis, Report
 use geu_diagnosis::residual_stats::ResidualStats;
 use geu_diagnosis::search::Candidate;
 use geu_diagnosis::{Verdict, report};
-use geu_protocol::Gyro;
+use geu_protocol::template::Value;
+use geu_protocol::{Gyro, map};
 
-use crate::page::{CHART_HINT, Provenance, escape, fixed, html, prose, significant, table};
+use crate::page::{CHART_HINT, Provenance, escape, filled, fixed, html, prose, significant, table};
 use charts::{axes_key, gap_bars, residuals, strength};
 
 /// Candidates shown for a round.
@@ -48,42 +49,31 @@ impl DiagnosisPage<'_> {
     }
 
     fn verdict(&self) -> String {
-        let tone = match self.diagnosis.verdict {
-            Verdict::Consistent | Verdict::Explained => "good",
-            Verdict::Unexplained => "bad",
-        };
-        let words = report::verdict(self.diagnosis.verdict);
+        let Diagnosis { verdict, unexplained, before, after, .. } = self.diagnosis;
+        let words = report::verdict(*verdict);
         let (word, why) = words.split_once(": ").unwrap_or((words, ""));
-        let mut text =
-            format!("<div class=\"verdict {tone}\">\n<p><strong>{}</strong>: {}.</p>\n", escape(word), escape(why));
-        for (class, title) in [
-            (Class::MissingEffect, "Missing in the model"),
-            (Class::Recalibration, "The calibration has moved; this is no missing effect"),
-        ] {
-            let found: String = self.of_class(class).map(listed).collect();
-            if !found.is_empty() {
-                let _ = write!(text, "<p>{title}:</p>\n<ul>\n{found}</ul>\n");
-            }
-        }
-        if let Some(left) = &self.diagnosis.unexplained {
-            let [from_s, to_s] = left.interval_s;
-            let gyros = report::names(&left.gyros).join(", ");
-            let _ =
-                writeln!(text, "<p>Left unexplained: {gyros}: {}, {from_s:.0}…{to_s:.0} s.</p>", escape(&left.shape));
-            let follows: Vec<String> =
-                left.follows.iter().map(|own| format!("{} ({:.0})", escape(&own.term), own.score)).collect();
-            if !follows.is_empty() {
-                let _ = writeln!(text, "<p>Correlated variables, by the reduction of χ²: {}.</p>", follows.join(", "));
-            }
-        }
-        let [before, after] = [&self.diagnosis.before.fitted, &self.diagnosis.after.fitted];
-        let _ = writeln!(
-            text,
-            "<p>The gap, the residual angle within half an hour, changes from {} to {} arcsec rms.</p>\n</div>",
-            significant(before.rms_arcsec, 3),
-            significant(after.rms_arcsec, 3)
-        );
-        text
+        let listed = |class: Class| -> Value {
+            let entry = |entry: &DiagnosedEffect| {
+                let facts = report::facts(entry).into_iter().map(|(label, value)| map! { label: label, value: value });
+                map! { heading: report::heading(entry), facts: facts.collect::<Value>() }
+            };
+            self.of_class(class).map(entry).collect()
+        };
+        let left = unexplained.as_ref().map(|left| {
+            let follows = left.follows.iter().map(|own| map! { term: own.term.as_str(), score: own.score });
+            map! { gyros: report::names(&left.gyros).join(", "), shape: left.shape.as_str(), interval_s: left.interval_s,
+                follows: follows.collect::<Value>() }
+        });
+        let values = map! {
+            is_bad: *verdict == Verdict::Unexplained,
+            word: word,
+            why: why,
+            missing: listed(Class::MissingEffect),
+            moved: listed(Class::Recalibration),
+            left: left,
+            rms: [before.fitted.rms_arcsec, after.fitted.rms_arcsec],
+        };
+        filled(include_str!("verdict.html"), &values)
     }
 
     fn found(&self) -> String {
@@ -323,14 +313,6 @@ fn alternative_row(entry: &DiagnosedEffect, alternative: &ReportedAlternative) -
 fn name_of(candidate: &Candidate) -> String {
     let amplitude = &candidate.hypothesis.amplitude;
     escape(&amplitude.formula().map_or_else(|| amplitude.code(), |formula| format!("term {formula}")))
-}
-
-/// A found effect as a list of its facts.
-fn listed(entry: &DiagnosedEffect) -> String {
-    let facts = report::facts(entry).into_iter();
-    let facts: String =
-        facts.map(|(label, value)| format!("<li>{}: {}</li>\n", escape(&label), escape(&value))).collect();
-    format!("<li>{}\n<ul>\n{facts}</ul>\n</li>\n", escape(&report::heading(entry)))
 }
 
 fn gyros(gyros: &geu_diagnosis::gyros::Gyros) -> String {
