@@ -23,7 +23,7 @@ use crate::null_distribution::{Thresholds, thresholds};
 use crate::outcome::{DiagnosedEffect, Diagnosis, Gaps, Verdict};
 use crate::residual_map::residual_maps;
 use crate::residual_stats::{ResidualStats, residual, windowed};
-use crate::rounding::rounding;
+use crate::rounding::{CLOSED_LOOP, correlation_with_motion, rounding};
 use crate::signature_bank::SignatureBank;
 use crate::unexplained::unexplained;
 use crate::whiteness::{kurtosis, whiteness_statistic};
@@ -85,7 +85,12 @@ pub fn diagnose_rows(
     case.rounding = Arc::new(rounding(&path));
     let noise = noise::configured(nominal, &measured, &case.rounding, &measured.residual(&path));
     let start = case.start(noise);
-    let formulas = LazyCell::new(|| catalogue.formulas(&measured, nominal));
+    let correlation = correlation_with_motion(&measured, &path);
+    let is_closed_loop = correlation > CLOSED_LOOP;
+    let formulas = LazyCell::new(|| match is_closed_loop {
+        true => catalogue.without_signatures(),
+        false => catalogue.formulas(&measured, nominal),
+    });
     let all = LazyCell::new(|| catalogue.and(&formulas));
     let key = key(&measured, &path, &noise, options.seed);
     let thresholds = (options.known)(key).unwrap_or_else(|| {
@@ -114,8 +119,10 @@ pub fn diagnose_rows(
     let needs_formulas = !selected.state.held.is_empty() || !is_noise(&selected, &thresholds);
     let bank: &SignatureBank = if needs_formulas { &all } else { &catalogue };
     let entries = Entries { case: &case, bank, thresholds: &thresholds, faults: &checked.faults };
+    let mut findings = checked.findings;
+    findings.extend(is_closed_loop.then(|| closed_loop(correlation)));
     let report = Report { entries, start: &start, raw: raw.as_ref(), manoeuvres: options.manoeuvres };
-    Ok(report.finish(selected, checked.findings))
+    Ok(report.finish(selected, findings))
 }
 
 fn is_noise(selected: &SelectedModel, thresholds: &Thresholds) -> bool {
@@ -292,6 +299,17 @@ impl Report<'_> {
             entry.gap_share = if whole > 0.0 { (before - now) / whole } else { 0.0 };
             before = now;
         }
+    }
+}
+
+/// The finding of a motion that follows the counts.
+fn closed_loop(correlation: f64) -> Finding {
+    Finding {
+        kind: "closed-loop".to_owned(),
+        place: "the whole recording".to_owned(),
+        text: format!(
+            "the motion follows the rounding of the counts (correlation {correlation:.2}): terms outside the catalogue are not searched"
+        ),
     }
 }
 

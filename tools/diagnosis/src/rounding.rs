@@ -5,10 +5,18 @@
 //! over many blocks. The phase of the accumulated angle is not known well enough to predict it: it is a random number between 0 and 1.
 //! Variance and correlation over this phase follow from the model's own path.
 
-use crate::measured::{BLOCK, CHANNELS, Series, TIMING, nodes};
+use crate::measured::{BLOCK, CHANNELS, MeasuredData, Series, TIMING, nodes};
 
 /// Phases over which the statistics are taken.
 const PHASES: usize = 32;
+/// Correlation with the motion above which a recording is that of a closed loop.
+pub const CLOSED_LOOP: f64 = 0.2;
+/// Largest delay of a controller's answer, samples.
+const MAX_LAG: usize = 6;
+/// Samples on either side that define the slow part of a motion.
+const NEIGHBOURS: usize = 10;
+/// Minimum number of samples of a correlation: at 1000 independent ones its sigma is 0.03.
+const MIN_NODES: usize = 1000;
 
 /// Statistics of the rounding error of a block's average.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,6 +72,46 @@ fn errors(angles: &[f64]) -> [f64; PHASES] {
         let error = |angle: &f64| (angle + phase).round() - (angle + phase);
         angles.iter().map(error).sum::<f64>() / angles.len() as f64
     })
+}
+
+/// Correlation of the motion with the rounding of the counts, the largest of the gyros; 0 with a smoothed reference, which contains them.
+///
+/// A controller that uses the counts turns the unit back when a count changes. Then signatures made of its small motions contain the
+/// rounding itself, and no null recording along the same motion shows it. Measured in closed loops 0.4 to 0.7, else up to 0.06.
+pub fn correlation_with_motion(measured: &MeasuredData, path: &Series) -> f64 {
+    if measured.smoothed.is_some() {
+        return 0.0;
+    }
+    let counts = measured.series();
+    let of_gyro = |gyro: usize| {
+        let residual: Vec<f64> = counts[gyro].iter().zip(&path[gyro]).map(|(count, path)| count - path).collect();
+        let (errors, motion) = (fast(&residual), fast(&path[gyro]));
+        let is_good = |node: usize| {
+            let block = node.checked_sub(1).and_then(|node| measured.blocks[gyro].get(node / BLOCK));
+            block.is_some_and(|block| block.is_good) && errors[node].abs() < 1.0 && motion[node].abs() < 1.0
+        };
+        let of_lag = |lag: usize| {
+            let pairs = || (0..errors.len().saturating_sub(lag)).filter(|&node| is_good(node) && is_good(node + lag));
+            // The motion after an error: it answers.
+            let product = |of: &dyn Fn(usize) -> f64| pairs().map(of).sum::<f64>();
+            let both = product(&|node| errors[node] * motion[node + lag]);
+            let own = product(&|node| errors[node].powi(2)) * product(&|node| motion[node + lag].powi(2));
+            if pairs().count() > MIN_NODES && own > 0.0 { (both / own.sqrt()).abs() } else { 0.0 }
+        };
+        (1..=MAX_LAG).map(of_lag).fold(0.0, f64::max)
+    };
+    (0..TIMING).map(of_gyro).fold(0.0, f64::max)
+}
+
+/// A series minus its average over the neighbours, 0 at the ends.
+fn fast(values: &[f64]) -> Vec<f64> {
+    let mut fast = vec![0.0; values.len()];
+    for (around, value) in values.windows(2 * NEIGHBOURS + 1).zip(&mut fast[NEIGHBOURS.min(values.len())..]) {
+        // Relative to the first, where the sum loses no digits.
+        let mean = around.iter().map(|other| other - around[0]).sum::<f64>() / around.len() as f64;
+        *value = around[NEIGHBOURS] - around[0] - mean;
+    }
+    fast
 }
 
 #[cfg(test)]

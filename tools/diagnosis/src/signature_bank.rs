@@ -133,6 +133,11 @@ impl SignatureBank {
         bank
     }
 
+    /// The time courses alone.
+    pub fn without_signatures(&self) -> SignatureBank {
+        SignatureBank { bases: Vec::new(), courses: self.courses.clone() }
+    }
+
     /// Signatures of both banks.
     #[must_use]
     pub fn and(&self, other: &SignatureBank) -> SignatureBank {
