@@ -34,7 +34,7 @@ fn interrupted_process() {
 /// Starts that process.
 fn interrupted(path: &Path, is_deaf: bool) -> Child {
     let mut command = Command::new(std::env::current_exe().expect("this program"));
-    command.args(["--exact", "interrupted_process", "--nocapture"]).env(OUT, path).stdout(Stdio::piped());
+    command.args(["--exact", "interruption::interrupted_process", "--nocapture"]).env(OUT, path).stdout(Stdio::piped());
     if is_deaf {
         command.env(IS_DEAF, "1");
     }

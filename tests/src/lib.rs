@@ -3,6 +3,7 @@
 pub mod comparison;
 pub mod emulator;
 pub mod page;
+pub mod pty;
 pub mod simulator;
 pub mod stalled_disk;
 pub mod whitening;

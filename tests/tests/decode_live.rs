@@ -3,21 +3,18 @@
 use std::fs::{self, File, OpenOptions};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpListener;
-use std::os::fd::OwnedFd;
 use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
 use std::process::{Child, Stdio};
-use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use geu_protocol::serial::data_frame;
 use geu_protocol::{CLOCK_PER_SAMPLE, Sample};
 use geu_tests::geu;
-use nix::fcntl::{FcntlArg, FdFlag, fcntl};
-use nix::pty::openpty;
+use geu_tests::pty::open_pty;
 use nix::sys::signal::{Signal, kill};
 use nix::sys::stat::Mode;
-use nix::unistd::{Pid, mkfifo, ttyname};
+use nix::unistd::{Pid, mkfifo};
 
 fn sample(index: u16) -> Sample {
     Sample {
@@ -29,29 +26,13 @@ fn sample(index: u16) -> Sample {
     }
 }
 
-/// One test at a time: a program started between the opening of a pty and its marking would hold it open.
-static TURN: Mutex<()> = Mutex::new(());
-
-fn turn() -> MutexGuard<'static, ()> {
-    TURN.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-fn open() -> (File, OwnedFd, String) {
-    let pty = openpty(None, None).expect("a pty");
-    fcntl(&pty.master, FcntlArg::F_SETFD(FdFlag::FD_CLOEXEC)).expect("closed in programs");
-    fcntl(&pty.slave, FcntlArg::F_SETFD(FdFlag::FD_CLOEXEC)).expect("closed in programs");
-    let path = ttyname(&pty.slave).expect("its name").to_str().expect("UTF-8").to_owned();
-    (File::from(pty.master), pty.slave, path)
-}
-
 fn now_s() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).expect("after 1970").as_secs_f64()
 }
 
 #[test]
 fn rows_of_a_pty_come_at_once_and_an_interrupt_ends_with_the_summary() {
-    let _turn = turn();
-    let (mut master, _slave, path) = open();
+    let (mut master, _slave, path) = open_pty();
     let mut child =
         geu().args(["decode", &path]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("geu starts");
     let mut lines = BufReader::new(child.stdout.take().expect("its output")).lines();
@@ -82,8 +63,7 @@ fn rows_of_a_pty_come_at_once_and_an_interrupt_ends_with_the_summary() {
 
 #[test]
 fn a_link_that_goes_away_ends_the_decoding() {
-    let _turn = turn();
-    let (mut master, slave, path) = open();
+    let (mut master, slave, path) = open_pty();
     let child =
         geu().args(["decode", &path]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("geu starts");
     std::thread::sleep(Duration::from_millis(500));
@@ -98,8 +78,7 @@ fn a_link_that_goes_away_ends_the_decoding() {
 
 #[test]
 fn a_duration_ends_a_silent_link() {
-    let _turn = turn();
-    let (_master, _slave, path) = open();
+    let (_master, _slave, path) = open_pty();
     let output = geu().args(["decode", &path, "--duration", "0.3", "--strict"]).output().expect("geu starts");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
@@ -126,8 +105,7 @@ fn stopped(mut child: Child, signal: Signal) -> (String, String) {
 
 #[test]
 fn a_frame_that_is_under_way_when_it_is_stopped_is_no_defect() {
-    let _turn = turn();
-    let (mut master, _slave, path) = open();
+    let (mut master, _slave, path) = open_pty();
     let mut child = geu()
         .args(["decode", &path, "--strict"])
         .stdout(Stdio::piped())

@@ -13,11 +13,11 @@ use geu_protocol::CommandResult;
 use geu_protocol::serial::{FrameType, frame};
 use geu_tests::emulator::{Client, Emulator};
 use geu_tests::geu;
+use geu_tests::pty::open_pty;
 use nix::libc::O_NOCTTY;
-use nix::pty::openpty;
 use nix::sys::signal::{Signal, kill};
 use nix::sys::stat::Mode;
-use nix::unistd::{Pid, mkfifo, ttyname};
+use nix::unistd::{Pid, mkfifo};
 
 /// Timeout of a test.
 const PATIENCE: Duration = Duration::from_secs(8);
@@ -238,18 +238,17 @@ fn a_link_that_a_killed_emulator_left_is_taken_over_even_where_its_pty_is_somebo
     drop(killed);
     assert!(path.symlink_metadata().is_ok(), "it could not remove it");
     // The number of its pty is in use again, as after some hours on a bench.
-    let terminal = openpty(None, None).expect("a pty");
-    let name = ttyname(&terminal.slave).expect("its name");
+    let (_master, _slave, name) = open_pty();
     fs::remove_file(&path).unwrap();
     symlink(&name, &path).unwrap();
-    fs::write(directory.path().join("geu0.lock"), format!("geu pty {}\n", name.display())).unwrap();
+    fs::write(directory.path().join("geu0.lock"), format!("geu pty {name}\n")).unwrap();
     end_within_a_second(Emulator::start(1, &["--pty", path.to_str().unwrap()]));
 
     // A lock that no emulator made belongs to another program.
     symlink(&name, &path).unwrap();
     let refused = geu().args(["run", "--duration", "1", "--pty"]).arg(&path).output().expect("geu starts");
     assert_eq!(refused.status.code(), Some(2));
-    assert_eq!(fs::read_link(&path).unwrap(), name);
+    assert_eq!(fs::read_link(&path).unwrap(), Path::new(&name));
 }
 
 #[test]

@@ -31,14 +31,14 @@ fn without_recordings_a_test_says_skipped_and_counts_as_skipped() {
     // Beside others, and one test at a time, where the harness has begun the line.
     for threads in ["2", "1"] {
         let mut test = Command::new(std::env::current_exe().expect("the path of this test"));
-        test.args(["--exact", "without_recordings_a_test_says_skipped_and_counts_as_skipped"]);
+        test.args(["--exact", "skipped::without_recordings_a_test_says_skipped_and_counts_as_skipped"]);
         test.args(["--test-threads", threads]).env("GEU_RECORDINGS", "/nonexistent").env(IS_CHILD, "1");
         let output = test.output().expect("this test starts");
         let [said, log] = [&output.stderr, &output.stdout].map(|bytes| String::from_utf8_lossy(bytes).into_owned());
         assert!(output.status.success(), "{log}{said}");
         assert!(said.starts_with("skipped: ") && said.contains("/nonexistent/01 is not there"), "{said}");
         assert_eq!(said.lines().count(), 1, "{said}");
-        assert!(threads == "1" || said.contains(": without_recordings_"), "the test's name: {said}");
+        assert!(threads == "1" || said.contains(": skipped::without_recordings_"), "the test's name: {said}");
         // As a terminal or a log has them, standard error behind what the harness has written so far.
         let log = log.replacen("... ok", &format!("... {said}ok"), 1);
         assert_eq!(counted(&[&log]), "0 passed, 0 failed, 1 skipped", "{log}");

@@ -1,7 +1,5 @@
 //! The predicted separation of two effects, compared with a recording that contains the manoeuvre.
 
-mod recorded;
-
 use geu_diagnosis::alternatives::{AMBIGUITY_CHI2, similar_hypotheses};
 use geu_diagnosis::amplitude::AmplitudeRef;
 use geu_diagnosis::discriminating_test::DiscriminatingTests;
@@ -14,7 +12,7 @@ use geu_diagnosis::whitening::NoiseModel;
 use geu_diagnosis::{DiagnosisCase, SignatureBank};
 use geu_model::Configuration;
 
-use recorded::{manoeuvre, recorded};
+use crate::recorded::{manoeuvre, recorded};
 
 const NOISE: NoiseModel = NoiseModel { white: 0.01, angle_walk: 0.02, rate_walk: 2e-5 };
 

@@ -1,12 +1,10 @@
 //! Model runs assembled from earlier ones.
 
-mod recorded;
-
 use geu_diagnosis::MeasuredData;
 use geu_diagnosis::measured::{Series, Shifts};
 use geu_model::Configuration;
 
-use recorded::{manoeuvre, recorded};
+use crate::recorded::{manoeuvre, recorded};
 
 fn bits(series: &Series) -> Vec<u64> {
     series.iter().flatten().map(|value| value.to_bits()).collect()

@@ -1,0 +1,4 @@
+//! Outputs that are complete or absent.
+
+mod interruption;
+mod output;

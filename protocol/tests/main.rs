@@ -1,0 +1,4 @@
+//! The protocol against its published vectors and description.
+
+mod describe;
+mod vectors;

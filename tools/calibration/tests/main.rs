@@ -1,0 +1,5 @@
+//! Calibrations of simulated recordings.
+
+mod checkout;
+mod effects;
+mod update;

@@ -1,0 +1,7 @@
+//! Diagnoses of simulated and measured recordings.
+
+mod blind;
+mod checks;
+mod discriminating_test;
+mod recorded;
+mod runs;
