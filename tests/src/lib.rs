@@ -13,6 +13,8 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
 
+use nix::libc::{PRIO_PROCESS, setpriority};
+
 /// The root of the workspace.
 pub fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap_or(Path::new("."))
@@ -71,6 +73,12 @@ fn program(name: &str) -> PathBuf {
         assert!(built && program.exists(), "{} is missing: run `cargo build` first", program.display());
     }
     program
+}
+
+/// Lowers the priority of a test that computes, with the threads and programs that it starts: a test of timing beside it goes first.
+pub fn give_way() {
+    // SAFETY: uses no memory; on Linux process 0 is the calling thread.
+    unsafe { setpriority(PRIO_PROCESS, 0, 10) };
 }
 
 /// Says that the test of this thread could not run, and why: one line `skipped: TEST: REASON` that `.ci/count` counts.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Output;
 
 use geu_tests::page::well_formed;
-use geu_tests::{geu, root};
+use geu_tests::{geu, give_way, root};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -38,6 +38,7 @@ fn checkout() -> String {
 
 /// Simulates the checkout, about fourteen hours, into a directory of its own.
 fn simulate_checkout(temp_dir: &Path, name: &str, start: &str, seed: &str, changes: &[&str]) {
+    give_way();
     let out = temp_dir.join(name).display().to_string();
     let config = checkout();
     let mut arguments =

@@ -13,7 +13,7 @@ use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_plant::{GYROS, Gyro, IndependentModel, PlantedEffect};
 use geu_recording::ReferenceAttitude;
 use geu_tests::comparison::Recording;
-use geu_tests::recordings;
+use geu_tests::{give_way, recordings};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -28,6 +28,7 @@ const UNIT: &[Gyro] = &[];
 static THRESHOLDS: Mutex<Option<HashMap<u64, Thresholds>>> = Mutex::new(None);
 
 fn recorded(plant: &IndependentModel) -> Recording {
+    give_way();
     let directory = tempfile::tempdir().expect("a directory");
     let recording = plant.record();
     let [link, reference] = ["link.log", "reference.csv"].map(|name| directory.path().join(name));

@@ -7,7 +7,7 @@ use geu_diagnosis::{Diagnosis, DiagnosisOptions, Thresholds, diagnose_rows};
 use geu_model::Configuration;
 use geu_plant::{Gyro, IndependentModel, PlantedEffect};
 use geu_tests::comparison::Recording;
-use geu_tests::geu;
+use geu_tests::{geu, give_way};
 
 /// Samples per window of the residual.
 const WINDOW: usize = 3600;
@@ -16,6 +16,7 @@ const DURATION_S: f64 = 5400.0;
 
 /// A recording of the independent model with a late reference.
 fn recorded(injected: Vec<PlantedEffect>, reference_late_s: f64) -> Recording {
+    give_way();
     let directory = tempfile::tempdir().expect("a directory");
     let recording = IndependentModel { duration_s: DURATION_S, ..IndependentModel::new(5, injected) }.record();
     let reported = recording.reference.lines().enumerate().map(|(line, text)| match text.split_once(',') {
@@ -82,6 +83,7 @@ fn an_estimated_lag_does_not_change_the_residual_before() {
 
 #[test]
 fn a_rest_without_observable_lag_keeps_its_residual() {
+    give_way();
     let directory = tempfile::tempdir().expect("a directory");
     for seed in ["4", "5"] {
         let run = directory.path().join(seed);

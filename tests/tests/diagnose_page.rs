@@ -6,7 +6,7 @@ use std::sync::LazyLock;
 
 use geu_plant::{Gyro, IndependentModel, PlantedEffect};
 use geu_tests::page::well_formed;
-use geu_tests::{geu, skipped};
+use geu_tests::{geu, give_way, skipped};
 
 /// The diagnosis that two tests use.
 static PIVOT_CLEARANCE: LazyLock<Diagnosed> = LazyLock::new(|| {
@@ -23,6 +23,7 @@ struct Diagnosed {
 
 impl Diagnosed {
     fn of(seed: u64, injected: PlantedEffect, further: &[&str]) -> Diagnosed {
+        give_way();
         let directory = tempfile::tempdir().expect("a directory");
         let at = |name: &str| directory.path().join(name).display().to_string();
         let recording = IndependentModel { duration_s: 7200.0, ..IndependentModel::new(seed, vec![injected]) }.record();

@@ -1,10 +1,11 @@
 //! `geu diagnose` on 15 min, which do not determine all calibration parameters, and an output that cannot be written.
 
-use geu_tests::geu;
+use geu_tests::{geu, give_way};
 use serde_json::Value;
 
 #[test]
 fn a_short_recording_leaves_undetermined_parameters_at_their_prior() {
+    give_way();
     let directory = tempfile::tempdir().expect("a directory");
     let at = |name: &str| directory.path().join(name).display().to_string();
     let injected = "gyro.GYRX.pivot-clearance.clearance_arcsec=11.5";

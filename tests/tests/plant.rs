@@ -9,8 +9,8 @@ use geu_model::package::Calibration;
 use geu_model::{Configuration, GyroUnit, Truth};
 use geu_plant::{GYROS, Gyro, IndependentModel, PlantedEffect};
 use geu_tests::comparison::{Case, Comparison, RESIDUAL_ARCSEC, Recording, largest, left};
-use geu_tests::geu;
 use geu_tests::whitening::Whitening;
+use geu_tests::{geu, give_way};
 use nalgebra::DVector;
 
 /// Effects of the unit are on no gyro.
@@ -32,6 +32,7 @@ fn recorded(plant: &IndependentModel) -> Recording {
 }
 
 fn written(plant: &IndependentModel, directory: &Path) -> [PathBuf; 2] {
+    give_way();
     let recording = plant.record();
     [("link.log", recording.link), ("reference.csv", recording.reference)].map(|(name, text)| {
         let path = directory.join(name);

@@ -3,11 +3,12 @@
 
 use geu_protocol::Gyro;
 use geu_tests::comparison::{Case, RESIDUAL_ARCSEC, Recording, largest, squares};
-use geu_tests::recordings;
+use geu_tests::{give_way, recordings};
 use toml_edit::DocumentMut;
 
 /// Recordings with effects of our model only.
 fn cases() -> impl Iterator<Item = Case> {
+    give_way();
     recordings("").into_iter().flat_map(|directory| {
         let answers: DocumentMut =
             std::fs::read_to_string(directory.join("answers.toml")).expect("answers").parse().expect("TOML");
