@@ -28,7 +28,6 @@ mod recording_place;
 mod recordings;
 mod replay;
 mod run;
-mod same_bytes;
 mod serial_noise;
 mod skipped;
 mod track;
