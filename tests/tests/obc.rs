@@ -91,15 +91,6 @@ fn interrupted_run_reports_it_and_its_recording_is_complete() {
 }
 
 #[test]
-fn the_help_lists_the_exit_codes() {
-    let help = run(&["--help"]).stdout;
-    let help = String::from_utf8_lossy(&help);
-    for part in ["Exit codes:", "  0  pointing was held", "  1  it was not held", "  2  the run could not start"] {
-        assert!(help.contains(part), "{part} not in {help}");
-    }
-}
-
-#[test]
 fn run_that_cannot_start_reports_the_reason() {
     for (arguments, code, part) in [
         (&["--geu", "/nowhere/geu"][..], 2, "--geu: expected the program geu, got /nowhere/geu"),
