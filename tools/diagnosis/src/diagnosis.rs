@@ -13,14 +13,14 @@ use crate::checks::{WiringFault, check};
 use crate::cross_validation::{fitted, held_out};
 use crate::entries::{Entries, SAME_SIGMAS};
 use crate::finding::Finding;
-use crate::gyros::Gyros;
-use crate::measured::{BLOCK, CHANNELS, MeasuredData, MeasuredError, Series, Shifts};
+use crate::gyros::{Gyros, is_within};
+use crate::measured::{BLOCK, CHANNELS, MeasuredData, MeasuredError, Series, Shifts, TIMING};
 use crate::model_selection::{MAX_PER_GYRO, SelectedModel, select_model};
 use crate::model_state::{DiagnosisCase, ModelState};
 use crate::motion_segments;
 use crate::noise;
 use crate::null_distribution::{Thresholds, thresholds};
-use crate::outcome::{DiagnosedEffect, Diagnosis, Gaps, Verdict};
+use crate::outcome::{Class, DiagnosedEffect, Diagnosis, Gaps, Verdict};
 use crate::residual_map::residual_maps;
 use crate::residual_stats::{ResidualStats, residual, windowed};
 use crate::rounding::{CLOSED_LOOP, correlation_with_motion, rounding};
@@ -31,6 +31,8 @@ use crate::whitening::NoiseModel;
 
 /// Margin by which a formula must be better than the catalogue: odds of e⁵, 150 to one.
 const FORMULA_MARGIN: f64 = 10.0;
+/// χ² of two degrees of freedom that a walk of constant growth exceeds once in a thousand recordings.
+const CHANGED_CHI2: f64 = 13.8;
 /// Version of the search beside the model's lists. It changes with grids, families and null recordings, so that stored thresholds never
 /// apply to another search.
 const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 13");
@@ -198,7 +200,11 @@ impl Report<'_> {
             (false, false) => Verdict::Explained,
             (false, true) => Verdict::Consistent,
         };
-        entries.extend(self.entries.recalibrations(&selected.state));
+        let mut recalibrations = self.entries.recalibrations(&selected.state);
+        // What moves the calibration of an unexplained gyro is not known.
+        recalibrations.retain(|entry| !is_within(&entry.gyros, &unexplained_gyros));
+        entries.extend(recalibrations);
+        self.drop_harmful(&mut entries, selected.state.shifts);
         let unexplained =
             unexplained_gyros.contains(&true).then(|| unexplained(case, bank, &selected, &left, unexplained_gyros));
         // Parameters that moved by less than is reported stay as given.
@@ -257,9 +263,12 @@ impl Report<'_> {
         };
         let mut overfitted = selected.overfitted_gyros(case.nominal);
         let left = selected.normal.projected_residual();
-        // A random walk is Gaussian and stationary: a residual with bursts is none.
+        // A random walk is Gaussian and stationary: a residual with bursts, or that grows in one third only, is none.
+        let (residual, nuisances) = case.linearised(&mut selected.state);
         for found in selected.noise.iter().filter(|found| found.is_significant(case.nominal, &selected.state)) {
-            overfitted[found.channel] |= kurtosis(&left[found.channel]) > thresholds.kurtosis[found.channel];
+            let (channel, noise) = (found.channel, &selected.state.noise[found.channel]);
+            overfitted[channel] |= kurtosis(&left[channel]) > thresholds.kurtosis[channel]
+                || noise::change_chi2(case, channel, noise, found.walk, &residual, &nuisances) > CHANGED_CHI2;
         }
         let first = unexplained(&left, &overfitted);
         if first.contains(&true) {
@@ -274,6 +283,32 @@ impl Report<'_> {
         selected.reset_noise(case, &gyros);
         selected.widen_onsets(case);
         (gyros, selected.normal.projected_residual())
+    }
+
+    /// Statistics of the residual with these entries in the configuration, χ² by the noise as configured.
+    fn gap_with<'e>(&self, entries: impl IntoIterator<Item = &'e DiagnosedEffect>, shifts: Shifts) -> ResidualStats {
+        let case = self.entries.case;
+        let mut configuration = case.nominal.clone();
+        let corrections = entries.into_iter().flat_map(|entry| &entry.corrections);
+        corrections.for_each(|correction| correction.apply(&mut configuration));
+        let model = case.measured.run(&configuration, shifts);
+        fitted(case, &windowed(case.measured, residual(case.measured, &model)), &model, self.start)
+    }
+
+    /// Removes the new calibration of a gyro if it makes gap and χ² larger beside all other entries: a drift at the start that a larger
+    /// random walk carries away is no calibration.
+    fn drop_harmful(&self, entries: &mut Vec<DiagnosedEffect>, shifts: Shifts) {
+        for gyro in 0..TIMING {
+            let is_own = |entry: &DiagnosedEffect| entry.class == Class::Recalibration && entry.gyros[gyro];
+            let without = entries.iter().filter(|entry| !is_own(entry));
+            if !entries.iter().any(is_own) {
+                continue;
+            }
+            let [with, without] = [self.gap_with(&*entries, shifts), self.gap_with(without, shifts)];
+            if without.squares < with.squares && without.reduced_chi2 < with.reduced_chi2 {
+                entries.retain(|entry| !is_own(entry));
+            }
+        }
     }
 
     /// Sets each entry's share of `whole`: the reduction of the squared residual as the entries are added in order, at the estimated lag.

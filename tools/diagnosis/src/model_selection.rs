@@ -12,6 +12,7 @@ mod selected;
 
 use rayon::prelude::*;
 
+use crate::hypothesis::Hypothesis;
 use crate::measured::TIMING;
 use crate::model_state::{DiagnosisCase, FittedHypothesis, ModelState};
 use crate::normal_equations::NormalEquations;
@@ -138,10 +139,14 @@ fn best_fit(
         (is_accepted && is_possible(tried.held.last()?)).then_some((fall, place, tried, tried_normal))
     };
     let min_margin = (NEAR * best).min(best - NEAR_CHI2);
-    let near = candidates
-        .iter()
-        .take(FITTED)
-        .filter(|candidate| candidate.gain.chi2 > MIN_SHARE * penalty(candidate) && margin(candidate) >= min_margin);
+    let is_equal = |candidate: &&Candidate| margin(candidate) > best - EQUAL_CHI2;
+    let mut equal: Vec<&Candidate> = candidates.iter().filter(is_equal).collect();
+    equal.sort_by(|one, other| share_of_limit(&one.hypothesis).total_cmp(&share_of_limit(&other.hypothesis)));
+    let others = candidates.iter().filter(|candidate| !is_equal(candidate));
+    let near =
+        equal.into_iter().chain(others).take(FITTED).filter(|candidate| {
+            candidate.gain.chi2 > MIN_SHARE * penalty(candidate) && margin(candidate) >= min_margin
+        });
     let near = without_needless_courses(near.collect());
     simplest(near.into_par_iter().filter_map(fitted).collect())
 }
@@ -183,13 +188,15 @@ fn score(fit: &Fit) -> f64 {
     fit.0 - fit.2.held.last().map_or(0.0, shape_penalty)
 }
 
+/// Amplitude as a share of its largest value.
+fn share_of_limit(hypothesis: &Hypothesis) -> f64 {
+    hypothesis.value.abs() / hypothesis.amplitude.size().max
+}
+
 /// The fit with the highest score, each shape of its time course with the penalty of a shape
 /// parameter. Among equal fits, that with the smallest amplitude, as a share of its largest value.
 fn simplest(tried: Vec<Fit>) -> Option<Fit> {
-    let share = |fit: &Fit| {
-        let last = fit.2.held.last().map(|held| &held.hypothesis);
-        last.map_or(0.0, |own| own.value.abs() / own.amplitude.size().max)
-    };
+    let share = |fit: &Fit| fit.2.held.last().map_or(0.0, |held| share_of_limit(&held.hypothesis));
     let best = tried.iter().map(score).fold(f64::NEG_INFINITY, f64::max);
     let equal = tried.into_iter().filter(|fit| score(fit) > best - EQUAL_CHI2);
     equal.min_by(|one, other| share(one).total_cmp(&share(other)))

@@ -1,12 +1,14 @@
 //! The noise of the channels: configured random walks, estimated white noise, and fits of walks above the configured ones.
 
+use std::borrow::Cow;
+
 use geu_model::Configuration;
 use nalgebra::{DMatrix, DVector};
 
 use crate::linear_algebra::{dot, factored, inverse_roots, lower};
 use crate::measured::{BLOCK, BLOCK_S, Block, CHANNELS, MeasuredData, Series, TIMING, median};
 use crate::model_state::DiagnosisCase;
-use crate::normal_equations::{Nuisance, RIDGE};
+use crate::normal_equations::{Nuisance, RIDGE, THIRDS};
 use crate::rounding::{BlockRounding, Rounding};
 use crate::whitening::{NoiseModel, Whitening};
 
@@ -24,6 +26,8 @@ const WINDOW: usize = 120;
 const MIN_WHITE: f64 = 0.1 / 12.0 / BLOCK as f64;
 /// Minimum white noise of the times, 1 µs in units of the channel.
 const MIN_TIMING: f64 = 0.01;
+/// Search range of the logarithm of a third's own walk.
+const OWN_RANGE: f64 = 3.0;
 /// Factors at which a walk is evaluated before it is fitted.
 const FACTORS: [f64; 2] = [1.5, 3.0];
 
@@ -131,12 +135,13 @@ pub struct FittedNoise {
 fn deviance<'a>(
     case: &'a DiagnosisCase,
     channel: usize,
+    blocks: Cow<'a, [Block]>,
     residual: &'a Series,
     nuisances: &'a [Nuisance],
 ) -> impl Fn(&NoiseModel) -> f64 + use<'a> {
     let own: Vec<&[f64]> = nuisances.iter().filter_map(|column| column[channel].as_deref()).collect();
     move |noise: &NoiseModel| {
-        let whitening = Whitening::new(noise, &case.measured.blocks[channel], &case.rounding[channel]);
+        let whitening = Whitening::new(noise, &blocks, &case.rounding[channel]);
         let white = whitening.apply(&residual[channel]);
         let columns: Vec<Vec<f64>> = own.iter().map(|column| whitening.apply(column)).collect();
         let mut gram = DMatrix::zeros(columns.len(), columns.len());
@@ -165,7 +170,7 @@ pub fn fit_white(
     if !case.measured.is_usable(channel) {
         return *noise;
     }
-    let deviance = deviance(case, channel, residual, nuisances);
+    let deviance = deviance(case, channel, Cow::Borrowed(&case.measured.blocks[channel]), residual, nuisances);
     let with = |log_white: f64| NoiseModel { white: log_white.exp(), ..*noise };
     let mut log_white = noise.white.ln();
     for _ in 0..ITERATIONS {
@@ -192,7 +197,7 @@ pub fn fit(
     residual: &Series,
     nuisances: &[Nuisance],
 ) -> FittedNoise {
-    let deviance = deviance(case, channel, residual, nuisances);
+    let deviance = deviance(case, channel, Cow::Borrowed(&case.measured.blocks[channel]), residual, nuisances);
     let start = match (noise.walk(walk), walk) {
         (configured, _) if configured > 0.0 => configured.ln(),
         (_, Walk::Angle) => (noise.white.sqrt() * 1e-2).ln(),
@@ -224,6 +229,33 @@ pub fn fit(
     let bend = deviance(&with(log_walk + step, log_white)) + deviance(&with(log_walk - step, log_white)) - 2.0 * best;
     let log_sigma = (2.0 * step * step / bend.max(1e-9)).sqrt();
     FittedNoise { noise: with(log_walk, log_white), log_sigma, fall: before - best }
+}
+
+/// By how much −2 ln of the likelihood falls if each third of the recording has a walk of its own; χ² of two degrees of freedom for a walk
+/// of constant growth.
+pub fn change_chi2(
+    case: &DiagnosisCase,
+    channel: usize,
+    noise: &NoiseModel,
+    walk: Walk,
+    residual: &Series,
+    nuisances: &[Nuisance],
+) -> f64 {
+    let all = &case.measured.blocks[channel];
+    let of_third = |third: usize| {
+        let own = all.len() * third / THIRDS..all.len() * (third + 1) / THIRDS;
+        let block = |(number, block): (usize, &Block)| Block {
+            is_compared: block.is_compared && own.contains(&number),
+            restarts: block.restarts || number == own.start,
+            ..*block
+        };
+        let blocks: Vec<Block> = all.iter().enumerate().map(block).collect();
+        let deviance = deviance(case, channel, Cow::Owned(blocks), residual, nuisances);
+        let with = |log_walk: f64| deviance(&noise.with(walk, log_walk.exp()));
+        let common = noise.walk(walk).ln();
+        with(common) - with(minimise(common - OWN_RANGE, common + OWN_RANGE, with))
+    };
+    (0..THIRDS).map(of_third).sum()
 }
 
 /// Position of the minimum of a function, by a grid and golden-section search.
