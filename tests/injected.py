@@ -194,7 +194,7 @@ class Running:
         if "pty" in links:
             self.process.wait_for("ready pty")
         self.port = int(self.process.wait_for("ready control http://127.0.0.1:").strip("/").rsplit(":", 1)[1])
-        # Both within the first sample interval, so that the first one does not delay the start.
+        # Both connect within the first sample interval: the first client starts the run.
         if "tcp" in links:
             self.tapes["tcp"] = Tape("socket://" + ready.split()[-1])
         if "pty" in links:

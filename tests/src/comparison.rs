@@ -60,7 +60,7 @@ impl Recording {
         self.against_commanded(overrides, f64::INFINITY, &[])
     }
 
-    /// A simulated recording with a command in the sample interval that starts then.
+    /// Compares as `against`, with a command to the model in the sample interval that starts at `command_s`.
     ///
     /// # Panics
     /// If an override is not valid.
@@ -140,7 +140,7 @@ impl Case {
     /// The injected effects lower χ² as the model predicts, and the rest is noise.
     ///
     /// # Panics
-    /// If the fit differs.
+    /// If χ² does not fall as predicted or the rest is not noise.
     pub fn assert_chi_squared_falls_as_predicted(&self) {
         let Case { name, gyros, without, with } = self;
         let configuration = Configuration::reference();

@@ -283,7 +283,7 @@ fn an_update_finds_the_survey_scans_and_rewrites_four_values() {
     // The next update uses the result of this one.
     let later = ["--known", text(&json), "--calibrated", "1800000000"];
     let (_, said) = run(&[&update[..], &later].concat());
-    assert!(!said.contains("taken as"), "{said}");
+    assert!(!said.contains("assumed"), "{said}");
     // A recording without a survey is refused.
     let link = in_can("link.log");
     let reference = in_can("reference.csv");

@@ -4,7 +4,7 @@ use geu_tests::{geu, give_way};
 use serde_json::Value;
 
 #[test]
-fn a_short_recording_leaves_undetermined_parameters_at_their_prior() {
+fn a_pivot_clearance_is_found_in_15_min_and_two_unwritable_outputs_are_reported() {
     give_way();
     let directory = tempfile::tempdir().expect("a directory");
     let at = |name: &str| directory.path().join(name).display().to_string();

@@ -76,7 +76,7 @@ fn a_wrong_option_is_2_for_every_command() {
 }
 
 #[test]
-fn missing_input_is_2_for_every_command() {
+fn a_missing_input_exits_2() {
     let directory = test_directory();
     assert_code(
         directory.path(),
@@ -114,7 +114,7 @@ fn missing_input_is_2_for_every_command() {
 }
 
 #[test]
-fn wrong_configuration_is_2_for_every_command() {
+fn a_wrong_configuration_exits_2() {
     let directory = test_directory();
     assert_code(
         directory.path(),
@@ -139,7 +139,7 @@ fn wrong_configuration_is_2_for_every_command() {
 }
 
 #[test]
-fn unwritable_output_is_1_for_every_command() {
+fn an_unwritable_output_exits_1() {
     let directory = test_directory();
     assert_code(
         directory.path(),

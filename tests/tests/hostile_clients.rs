@@ -244,7 +244,7 @@ fn a_link_that_a_killed_emulator_left_is_taken_over_even_where_its_pty_is_somebo
     fs::write(directory.path().join("geu0.lock"), format!("geu pty {name}\n")).unwrap();
     end_within_a_second(Emulator::start(1, &["--pty", path.to_str().unwrap()]));
 
-    // A lock that no emulator made belongs to another program.
+    // A symlink without the lock file of an emulator belongs to another program.
     symlink(&name, &path).unwrap();
     let refused = geu().args(["run", "--duration", "1", "--pty"]).arg(&path).output().expect("geu starts");
     assert_eq!(refused.status.code(), Some(2));
@@ -334,7 +334,7 @@ fn a_replay_whose_input_stands_still_ends_when_asked() {
     replay.stdout.take().expect("a pipe").read_exact(&mut ready).expect("a line");
     sleep(Duration::from_millis(300));
     kill(Pid::from_raw(replay.id() as i32), Signal::SIGTERM).expect("it runs");
-    // Timeout of readers 0.3 s, and of the recording's reader as long.
+    // Clients and the reader of the recording have 0.3 s each.
     assert!(ends_within(&mut replay, Duration::from_millis(1500)), "it ends when asked");
     drop(input);
 }

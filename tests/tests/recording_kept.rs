@@ -215,7 +215,7 @@ fn a_full_disk_ends_the_recording_and_not_the_unit() {
     let directory = directory();
     let (live, again) = (directory.path().join("live"), directory.path().join("again"));
     let run = recorded(&live, "127.0.0.1:0", &["--speed", "10"]);
-    // A file of more than 20 kB finds no directory.
+    // Writing a file beyond 20 kB fails.
     let mut full = Command::new("sh");
     full.args(["-c", "trap '' XFSZ; ulimit -f 40; exec \"$0\" \"$@\""]).arg(run.get_program()).args(run.get_args());
     let mut emulator = Emulator::of(full, 1);

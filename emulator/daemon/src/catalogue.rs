@@ -96,7 +96,7 @@ pub fn catalogue() -> Value {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
+    use std::collections::BTreeSet;
 
     use geu_model::configuration::fault::FaultNumbers;
 
@@ -128,7 +128,7 @@ mod tests {
     fn every_number_has_a_unit_or_is_listed_without() {
         let named = CATALOGUE.iter().flat_map(|spec| spec.numbers).chain(FaultNumbers::NUMBERS);
         let of_courses = FAULT_PROFILES.iter().flat_map(|kind| kind.shapes);
-        let units: BTreeMap<&str, &str> = ParameterRef::all()
+        let units: BTreeSet<(&str, &str)> = ParameterRef::all()
             .iter()
             .map(|target| target.number())
             .chain(named.chain(of_courses))
@@ -136,6 +136,9 @@ mod tests {
             .collect();
         let without: Vec<&str> = units.iter().filter(|(_, unit)| unit.is_empty()).map(|(name, _)| *name).collect();
         assert_eq!(without, NONE);
+        assert!(units.contains(&("arcsec_per_s_per_sqrt_s", "arcsec/s/√s")), "{units:?}");
+        let names: BTreeSet<&str> = units.iter().map(|(name, _)| *name).collect();
+        assert_eq!(names.len(), units.len(), "a name with two units: {units:?}");
         for (name, unit) in units {
             let parts = name.matches("_per_").count();
             assert_eq!(unit.matches('/').count(), parts, "{name}: {unit}");

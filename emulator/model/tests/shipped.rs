@@ -17,7 +17,7 @@ fn checkout() -> Configuration {
     shipped("configs/checkout.toml", include_str!("../../../configs/checkout.toml"))
 }
 
-/// Paper value of an effect that the paper does not have.
+/// True if the paper has the effect: its paper value is neither `0` nor `off`.
 fn the_paper_has(spec: &EffectSpec) -> bool {
     !matches!(spec.paper, "0" | "off")
 }

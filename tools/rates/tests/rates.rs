@@ -84,7 +84,7 @@ fn check_injected_errors(draws: u64) {
 
 #[test]
 #[ignore = "a minute; .ci/run has it"]
-fn noise_alone_yields_no_error() {
+fn noise_alone_keeps_the_false_alarm_rate() {
     let mut wrong = 0;
     for directions in [&SEPARATE[..], &ALONG_Y] {
         for seed in 0..150 {
