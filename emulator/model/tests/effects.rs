@@ -3,7 +3,7 @@
 use geu_model::configuration::Configuration;
 use geu_model::effect::{EffectConfiguration, Effects, GyroEffects, HEAD_COLUMNS, UnitEffects, WiringEffects};
 use geu_model::package::Axes;
-use geu_model::parameter_spec::{ParameterSpec, ValueFormat};
+use geu_model::parameter_spec::{ParameterSpec, Role, ValueFormat};
 use geu_model::time_profile::{COURSES, Size, TimeCourse};
 use geu_model::{GyroUnit, Trace};
 use geu_protocol::Gyro;
@@ -74,9 +74,16 @@ impl Moved {
             None => *configured.constant.numbers_mut(effect).value_mut(amplitude) += sized(numbers[amplitude].max),
             Some(kind) => {
                 let size = sized(kind.size(spec, numbers, amplitude).expect("a course there is").max);
+                // A temperature that swings within minutes changes by a hundred K/h.
+                let size = if kind.name == "-temperature-rate" { size / 100.0 } else { size };
                 // Times off the ends of sub-steps: a clock that runs wrong by parts of a million moves none across.
-                let shapes: &[f64] = [&[][..], &[17.27], &[41.3, 0.2]][kind.shapes.len()];
-                configured.courses.push(TimeCourse { effect, amplitude, size, profile: kind.with(shapes) });
+                let shape = |number: &ParameterSpec| match number.role {
+                    Role::Onset => 17.27,
+                    Role::Phase => 0.2,
+                    _ => 41.3,
+                };
+                let shapes: Vec<f64> = kind.shapes.iter().map(shape).collect();
+                configured.courses.push(TimeCourse { effect, amplitude, size, profile: kind.with(&shapes) });
             }
         }
     }

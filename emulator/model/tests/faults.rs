@@ -353,7 +353,7 @@ fn an_error_of_a_plan_states_its_place_and_the_valid_names() {
         ("[[fault]]\nparameter = \"drift.arcsec_per_h\"\ngyro = \"GYRX\"", "expected `course`"),
         (
             "[[fault]]\nparameter = \"drift.arcsec_per_h\"\ngyro = \"GYRX\"\ncourse = { leap = 1.0 }",
-            "step, ramp, pulse, sine, random",
+            "step, ramp, settling, pulse, sine, random",
         ),
         ("[[fault]]\nparameter = \"drift.arcsec_per_h\"\ngyro = \"GYRX\"\ncourse = { ramp = 1.0 }", "over_s"),
         (
