@@ -268,7 +268,12 @@ impl<'a> DiagnosisCase<'a> {
                 let tried_normal = self.normal(&mut tried);
                 (tried_normal.squares() <= normal.squares()).then_some((tried, tried_normal))
             };
-            let Some((tried, tried_normal)) = (0..HALVINGS).find_map(halved) else { break };
+            let Some((tried, tried_normal)) = (0..HALVINGS).find_map(halved) else {
+                if self.fit_without_onsets(state, &normal) {
+                    normal = self.normal(state);
+                }
+                break;
+            };
             let fall = normal.squares() - tried_normal.squares();
             (*state, normal) = (tried, tried_normal);
             let error = (fall - predicted).abs();
@@ -282,6 +287,28 @@ impl<'a> DiagnosisCase<'a> {
         }
         state.set_sigmas(&normal.solution().1);
         normal
+    }
+
+    /// Fits the parameters without onsets and durations: between two motions these have no signature, and their arbitrary step spoils that
+    /// of the others. Returns true if χ² has fallen.
+    fn fit_without_onsets(&self, state: &mut ModelState, normal: &NormalEquations) -> bool {
+        let mut tried = state.clone();
+        for held in &mut tried.held {
+            for (index, parameter) in held.hypothesis.parameters().iter().enumerate() {
+                if held.is_free[index] && matches!(parameter.role, Role::Onset | Role::Duration) {
+                    held.fix(index, parameter.value);
+                }
+            }
+        }
+        if tried.free() == state.free() || self.fit(&mut tried).squares() >= normal.squares() {
+            return false;
+        }
+        for (held, before) in tried.held.iter_mut().zip(&state.held) {
+            held.is_free.clone_from(&before.is_free);
+            held.invalidate();
+        }
+        *state = tried;
+        true
     }
 }
 
