@@ -109,8 +109,10 @@ pub fn diagnose_rows(
         }
         progress("formulas");
         let other = select_model(&case, &all, &thresholds, &start, per_gyro);
+        // A transient is as unlikely as a formula.
+        let margin = if effects.has_transient() { 0.0 } else { FORMULA_MARGIN };
         let is_better = other.requires_formula(&case)
-            && other.score(&case, &thresholds) + FORMULA_MARGIN < effects.score(&case, &thresholds);
+            && other.score(&case, &thresholds) + margin < effects.score(&case, &thresholds);
         if is_better { other } else { effects }
     };
     // A second effect on one gyro is rare: a formula is tried first.

@@ -22,7 +22,8 @@ use crate::signature_bank::SignatureBank;
 use crate::spots::Spot;
 
 use acceptance::REJECTED_CHI2;
-use refine::{SHAPE_CHI2, is_possible};
+use refine::is_possible;
+use selected::shape_penalty;
 
 pub use selected::{IdentifiedNoise, MAX_PER_GYRO, SelectedModel, SelectionStep};
 
@@ -177,11 +178,6 @@ fn exchange(
         return exchange(case, bank, thresholds, now);
     }
     now
-}
-
-/// Penalty of the shapes of a time course: that of a shape parameter for each.
-fn shape_penalty(held: &FittedHypothesis) -> f64 {
-    SHAPE_CHI2 * held.hypothesis.course_shapes.len() as f64
 }
 
 fn score(fit: &Fit) -> f64 {

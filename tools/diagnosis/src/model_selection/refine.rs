@@ -9,11 +9,9 @@ use crate::search::passes_cross_validation;
 use crate::signature_bank::SignatureBank;
 use crate::temperature_lag::{LaggedFit, likeliest};
 
-use super::selected::SelectedModel;
+use super::selected::{SHAPE_CHI2, SelectedModel};
 
-/// A shape parameter with a default is fitted if χ² falls by this, two sigma, or if its relative sigma is below [`SHAPE_SIGMA`].
-pub(super) const SHAPE_CHI2: f64 = 4.0;
-/// See [`SHAPE_CHI2`].
+/// A shape parameter with a default is fitted if χ² falls by [`SHAPE_CHI2`], or if its relative sigma is below this.
 const SHAPE_SIGMA: f64 = 0.2;
 /// First shift of an onset in the search for its limits, s.
 const ONSET_S: f64 = 10.0;

@@ -1,6 +1,7 @@
 //! The state of the selection: hypotheses, noise and their normal equations.
 
 use geu_model::Configuration;
+use geu_model::parameter_spec::{ParameterSpec, Role};
 
 use crate::gyros::{Gyros, is_within};
 use crate::measured::{CHANNELS, TIMING};
@@ -17,6 +18,8 @@ use crate::whitening::NoiseModel;
 pub const MAX_PER_GYRO: usize = 3;
 /// Penalty of each further larger walk: the χ² reduction of one parameter that noise exceeds in less than 10 %.
 pub(super) const FURTHER_WALK_CHI2: f64 = 2.7;
+/// χ² reduction by a shape parameter for which it is fitted, two sigma; the penalty of each shape of a time course.
+pub(super) const SHAPE_CHI2: f64 = 4.0;
 /// A walk is reported from this multiple of the configured one: rounding of a slow rate can imitate half as much again.
 const MIN_WALK: f64 = 2.0;
 
@@ -45,6 +48,11 @@ impl IdentifiedNoise {
     pub fn is_significant(&self, nominal: &Configuration, state: &ModelState) -> bool {
         self.channel != TIMING && state.noise[self.channel].walk(self.walk) >= MIN_WALK * self.configured(nominal)
     }
+}
+
+/// Penalty of the shapes of a time course: that of a shape parameter for each.
+pub(super) fn shape_penalty(held: &FittedHypothesis) -> f64 {
+    SHAPE_CHI2 * held.hypothesis.course_shapes.len() as f64
 }
 
 /// The best hypothesis of the search, if it is not possible or the model run does not confirm it.
@@ -105,7 +113,14 @@ impl SelectedModel {
             + FURTHER_WALK_CHI2 * self.noise.len().saturating_sub(1) as f64;
         let (residual, calibration) = (case.residual(&self.state), &self.state.calibration);
         let normal = NormalEquations::new(case.whitenings(noise), &residual, &case.nuisances, calibration);
-        normal.deviance() + self.state.held.iter().map(|held| held.penalty).sum::<f64>() + lag_chi2(&self.state) + walks
+        let penalty = |held: &FittedHypothesis| held.penalty + shape_penalty(held);
+        normal.deviance() + self.state.held.iter().map(penalty).sum::<f64>() + lag_chi2(&self.state) + walks
+    }
+
+    /// True if a time course ends or decays.
+    pub fn has_transient(&self) -> bool {
+        let ends = |shape: &ParameterSpec| matches!(shape.role, Role::Duration | Role::TimeConstant);
+        self.state.held.iter().any(|held| held.hypothesis.amplitude.course_shapes().iter().any(ends))
     }
 
     /// Hypotheses of a gyro and their indices, without hypotheses of the whole unit.
