@@ -39,6 +39,8 @@ const NOISE_RUNS: usize = 32;
 /// Minimum threshold of a larger walk, four sigma: eight hypotheses at one percent would be 10.3, but rounding that beats with a slow rate
 /// sometimes imitates a walk.
 const MIN_NOISE_CHI2: f64 = 16.0;
+/// Deviation of the kurtosis of normal values, in sigmas, that is exceeded as rarely: its distribution is skewed.
+const KURTOSIS_SIGMAS: f64 = 4.0;
 /// Threshold of a family or channel without data.
 const NEVER: f64 = 1e9;
 
@@ -105,7 +107,10 @@ pub fn thresholds(
     let whiteness: Vec<f64> = drawn.iter().map(|left| whiteness_statistic(left).0).collect();
     let of_channel = |channel: usize| {
         let values: Vec<f64> = drawn.iter().map(|left| kurtosis(&left[channel])).collect();
-        quantile(&values, FALSE_REJECTION_RATE).unwrap_or(NEVER)
+        // Rounding has fewer large values than a walk, which is normal.
+        let blocks = case.measured.blocks[channel].iter().filter(|block| block.is_compared).count().max(1) as f64;
+        let normal = 3.0 + KURTOSIS_SIGMAS * (24.0 / blocks).sqrt();
+        quantile(&values, FALSE_REJECTION_RATE).map_or(NEVER, |limit| limit.max(normal))
     };
     let mut chi2 = limits(&largest);
     let falls: Vec<f64> = (0..NOISE_RUNS).into_par_iter().map(|run| largest_walk(case, noise, &raw(run))).collect();
