@@ -19,7 +19,7 @@ use crate::model_selection::{MAX_PER_GYRO, SelectedModel, select_model};
 use crate::model_state::{DiagnosisCase, ModelState};
 use crate::motion_segments;
 use crate::noise;
-use crate::null_distribution::{Thresholds, thresholds};
+use crate::null_distribution::{Thresholds, kurtosis_limits, thresholds};
 use crate::outcome::{Class, DiagnosedEffect, Diagnosis, Gaps, Verdict};
 use crate::residual_map::residual_maps;
 use crate::residual_stats::{ResidualStats, residual, windowed};
@@ -125,7 +125,8 @@ pub fn diagnose_rows(
     let entries = Entries { case: &case, bank, thresholds: &thresholds, faults: &checked.faults };
     let mut findings = checked.findings;
     findings.extend(is_closed_loop.then(|| closed_loop(correlation)));
-    let report = Report { entries, start: &start, raw: raw.as_ref(), manoeuvres: options.manoeuvres };
+    let DiagnosisOptions { manoeuvres, seed, .. } = *options;
+    let report = Report { entries, start: &start, raw: raw.as_ref(), manoeuvres, seed };
     Ok(report.finish(selected, findings))
 }
 
@@ -185,6 +186,8 @@ struct Report<'a> {
     /// The recording before wiring faults were corrected, if there are any.
     raw: Option<&'a MeasuredData>,
     manoeuvres: Option<&'a [ManoeuvreWindow]>,
+    /// Seed of the null recordings.
+    seed: u64,
 }
 
 impl Report<'_> {
@@ -267,9 +270,10 @@ impl Report<'_> {
         let left = selected.normal.projected_residual();
         // A random walk is Gaussian and stationary: a residual with bursts, or that grows in one third only, is none.
         let (residual, nuisances) = case.linearised(&mut selected.state);
+        let limits = LazyCell::new(|| kurtosis_limits(case, &selected.state, &selected.normal, self.seed));
         for found in selected.noise.iter().filter(|found| found.is_significant(case.nominal, &selected.state)) {
             let (channel, noise) = (found.channel, &selected.state.noise[found.channel]);
-            overfitted[channel] |= kurtosis(&left[channel]) > thresholds.kurtosis[channel]
+            overfitted[channel] |= kurtosis(&left[channel]) > limits[channel]
                 || noise::change_chi2(case, channel, noise, found.walk, &residual, &nuisances) > CHANGED_CHI2;
         }
         let first = unexplained(&left, &overfitted);

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::hypothesis::Hypothesis;
 use crate::measured::{BLOCK, CHANNELS, Series, TIMING, nodes};
-use crate::model_state::DiagnosisCase;
+use crate::model_state::{DiagnosisCase, ModelState};
 use crate::noise::Walk;
 use crate::normal_equations::{NormalEquations, ProjectedSignature};
 use crate::search::{set_penalty, sets};
@@ -51,8 +51,6 @@ pub struct Thresholds {
     pub chi2: [f64; HypothesisFamily::COUNT],
     /// Whiteness statistic that noise exceeds once in a thousand recordings.
     pub whiteness_statistic: f64,
-    /// Kurtosis of each channel that noise exceeds as rarely: rounding of a slow rate is not Gaussian.
-    pub kurtosis: [f64; CHANNELS],
 }
 
 impl Thresholds {
@@ -100,26 +98,39 @@ pub fn thresholds(
             one
         },
     );
-    let quantile = |values: &[f64], rate: f64| {
-        let (at, scale) = gumbel(values)?;
-        Some(at - scale * (-(1.0 - rate).ln()).ln())
-    };
     let whiteness: Vec<f64> = drawn.iter().map(|left| whiteness_statistic(left).0).collect();
-    let of_channel = |channel: usize| {
-        let values: Vec<f64> = drawn.iter().map(|left| kurtosis(&left[channel])).collect();
-        // Rounding has fewer large values than a walk, which is normal.
-        let blocks = case.measured.blocks[channel].iter().filter(|block| block.is_compared).count().max(1) as f64;
-        let normal = 3.0 + KURTOSIS_SIGMAS * (24.0 / blocks).sqrt();
-        quantile(&values, FALSE_REJECTION_RATE).map_or(NEVER, |limit| limit.max(normal))
-    };
     let mut chi2 = limits(&largest);
     let falls: Vec<f64> = (0..NOISE_RUNS).into_par_iter().map(|run| largest_walk(case, noise, &raw(run))).collect();
     chi2[HypothesisFamily::NOISE.0] = quantile(&falls, FALSE_ALARM_RATE).unwrap_or(0.0).max(MIN_NOISE_CHI2);
-    Thresholds {
-        chi2,
-        whiteness_statistic: quantile(&whiteness, FALSE_REJECTION_RATE).unwrap_or(1.0),
-        kurtosis: std::array::from_fn(of_channel),
-    }
+    Thresholds { chi2, whiteness_statistic: quantile(&whiteness, FALSE_REJECTION_RATE).unwrap_or(1.0) }
+}
+
+/// Kurtosis of each channel that the noise of a state exceeds once in a thousand recordings. Rounding of a slow rate is not normal, and a
+/// larger walk changes the rate.
+pub fn kurtosis_limits(
+    case: &DiagnosisCase,
+    state: &ModelState,
+    normal: &NormalEquations,
+    seed: u64,
+) -> [f64; CHANNELS] {
+    let path = case.run(state);
+    let run = |run: usize| {
+        let left = normal.projected_residual_of(&draw(case, &path, &state.noise, seed.wrapping_add(run as u64)));
+        left.each_ref().map(|left| kurtosis(left))
+    };
+    let drawn: Vec<[f64; CHANNELS]> = (0..NOISE_RUNS).into_par_iter().map(run).collect();
+    std::array::from_fn(|channel| {
+        let values: Vec<f64> = drawn.iter().map(|of_run| of_run[channel]).collect();
+        let blocks = case.measured.blocks[channel].iter().filter(|block| block.is_compared).count().max(1) as f64;
+        let normal = 3.0 + KURTOSIS_SIGMAS * (24.0 / blocks).sqrt();
+        quantile(&values, FALSE_REJECTION_RATE).map_or(NEVER, |limit| limit.max(normal))
+    })
+}
+
+/// The value that a Gumbel distribution with the moments of these exceeds at this rate; `None` if all are equal.
+fn quantile(values: &[f64], rate: f64) -> Option<f64> {
+    let (at, scale) = gumbel(values)?;
+    Some(at - scale * (-(1.0 - rate).ln()).ln())
 }
 
 /// Largest gain of a larger walk on a null recording.
