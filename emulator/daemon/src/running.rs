@@ -5,7 +5,7 @@
 
 use std::fmt;
 use std::fs::{self, DirBuilder, File, OpenOptions, TryLockError};
-use std::io::{self, Read, Write};
+use std::io::{self, BufReader, Read, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -179,7 +179,7 @@ fn alive(path: &Path) -> Option<Running> {
         }
         Err(TryLockError::Error(_)) => return None,
     }
-    serde_json::from_reader(file.take(MAX_LENGTH)).ok()
+    serde_json::from_reader(BufReader::new(file.take(MAX_LENGTH))).ok()
 }
 
 #[cfg(test)]

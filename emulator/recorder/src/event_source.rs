@@ -73,8 +73,18 @@ impl EventSource {
     /// Ends the running sample; adds it and the events of faults to `events`.
     pub fn end_sample(&mut self, events: &mut Vec<UnitEvent>) -> CompletedSample {
         let (ended, traces) = self.unit.end_sample_traced();
-        self.last_end_ns = ended.end_ns;
         events.push(UnitEvent::Sample(ended, Box::new(traces), self.unit.injected().cloned()));
+        self.ended(ended, events)
+    }
+
+    /// Ends the running sample for a run that neither records nor shows it; adds the events of faults to `events`.
+    pub fn end_sample_untraced(&mut self, events: &mut Vec<UnitEvent>) -> CompletedSample {
+        let ended = self.unit.end_sample();
+        self.ended(ended, events)
+    }
+
+    fn ended(&mut self, ended: CompletedSample, events: &mut Vec<UnitEvent>) -> CompletedSample {
+        self.last_end_ns = ended.end_ns;
         self.take_happened(events);
         ended
     }

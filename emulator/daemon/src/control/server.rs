@@ -80,9 +80,13 @@ impl ControlListener {
             return Err(ControlError::NoToken(address.to_owned()));
         }
         let last = if is_default { wanted.port().saturating_add(PORTS - 1) } else { wanted.port() };
-        let candidates: Vec<SocketAddr> =
-            (wanted.port()..=last).map(|port| SocketAddr::new(wanted.ip(), port)).collect();
-        let listener = TcpListener::bind(&candidates[..]).map_err(fail)?;
+        let mut port = wanted.port();
+        let listener = loop {
+            match TcpListener::bind(SocketAddr::new(wanted.ip(), port)) {
+                Err(error) if error.kind() == io::ErrorKind::AddrInUse && port < last => port += 1,
+                bound => break bound.map_err(fail)?,
+            }
+        };
         let address = listener.local_addr().map_err(fail)?;
         Ok(ControlListener { listener, guard: Guard { address, token } })
     }

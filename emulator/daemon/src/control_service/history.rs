@@ -35,6 +35,9 @@ impl History {
     /// Adds a sample. While the history is being read, samples stay in `waiting`.
     pub fn push(&self, waiting: &mut VecDeque<HistorySample>, sample: HistorySample) {
         waiting.push_back(sample);
+        if waiting.len() > KEPT {
+            waiting.pop_front();
+        }
         if let Ok(mut kept) = self.0.try_lock() {
             kept.append(waiting);
             let excess = kept.len().saturating_sub(KEPT);

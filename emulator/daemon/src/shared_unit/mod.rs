@@ -133,7 +133,10 @@ impl SharedUnit {
         let mut inner = self.lock();
         inner.publish_from(EventSource::repeat_recorded);
         let mut events = Vec::new();
-        let ended = inner.source.end_sample(&mut events);
+        let ended = match inner.recording.is_some() || inner.observer.is_some() {
+            true => inner.source.end_sample(&mut events),
+            false => inner.source.end_sample_untraced(&mut events),
+        };
         inner.pending = Some(PendingSample { sample: ended.sample, events });
         (ended, inner.source.unit.injected().cloned())
     }
@@ -261,20 +264,21 @@ impl SharedUnit {
             let active = planned.filter(|planned| !planned.is_over());
             let mut ids: Vec<String> = active.map(|planned| planned.fault.id.clone()).collect();
             ids.retain(|id| inner.clear(id).is_some());
-            ids
+            Some(ids)
         })
+        .unwrap_or_default()
     }
 
-    /// Changes the faults, and waits until the change is recorded, for a limited time.
-    fn drive<T>(&self, act: impl FnOnce(&mut Inner) -> T) -> T {
+    /// Changes the faults, and waits until a change is recorded, for a limited time.
+    fn drive<T>(&self, act: impl FnOnce(&mut Inner) -> Option<T>) -> Option<T> {
         let mut inner = self.lock();
-        let driven = act(&mut inner);
+        let driven = act(&mut inner)?;
         let count = inner.events_to_record();
         drop(inner);
         if let Some(recording) = &self.recording {
             recording.await_written_blocking(count);
         }
-        driven
+        Some(driven)
     }
 
     /// Ends the recording; from now on no command is answered.
