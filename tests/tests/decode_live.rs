@@ -207,15 +207,13 @@ fn a_compressed_stream_that_stands_still_ends_at_a_signal_with_its_rows() {
     }
 }
 
-/// Waits until a file is being written in the directory.
-fn await_partial(directory: &Path) {
-    let is_partial = |name: &str| name.ends_with(".partial");
-    let begun = || {
-        fs::read_dir(directory)
-            .expect("a directory")
-            .flatten()
-            .any(|entry| is_partial(&entry.file_name().to_string_lossy()))
+/// Waits until `min_bytes` of a file in the directory are written, or the file is created.
+fn await_partial(directory: &Path, min_bytes: u64) {
+    let is_partial = |entry: &fs::DirEntry| {
+        let length = entry.metadata().map_or(0, |metadata| metadata.len());
+        entry.file_name().to_string_lossy().ends_with(".partial") && length >= min_bytes
     };
+    let begun = || fs::read_dir(directory).expect("a directory").flatten().any(|entry| is_partial(&entry));
     let start = Instant::now();
     while !begun() {
         assert!(start.elapsed() < Duration::from_secs(10), "nothing is written");
@@ -240,7 +238,7 @@ fn a_signal_ends_the_reading_of_recorded_files_without_a_result() {
         let mut child = geu();
         child.args([command, input, "--out", &old]).stdin(File::open(&day).expect("there")).stderr(Stdio::piped());
         let mut child = child.spawn().expect("geu starts");
-        await_partial(directory.path());
+        await_partial(directory.path(), 0);
         kill(Pid::from_raw(child.id() as i32), signal).expect("it runs");
         assert_eq!(child.wait().expect("its end").code(), Some(128 + signal as i32), "{command} {input}");
         assert_eq!(fs::read_to_string(&old).expect("there"), "old\n");
@@ -258,7 +256,8 @@ fn a_signal_ends_the_reading_of_recorded_files_without_a_result() {
     let mut child = geu();
     child.args(["decode", &day, "-", "--out", &old]).stdin(Stdio::piped()).stderr(Stdio::piped());
     let child = child.spawn().expect("geu starts");
-    await_partial(directory.path());
+    // Before the first row there is nothing to give.
+    await_partial(directory.path(), 1);
     let (said, _) = stopped(child, Signal::SIGINT);
     assert!(said.contains("defects                  0"), "{said}");
     assert!(fs::read_to_string(&old).expect("there").starts_with("t_s,"));
