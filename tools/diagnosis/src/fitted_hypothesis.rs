@@ -18,7 +18,7 @@ pub struct FittedHypothesis {
     pub sigmas: Vec<f64>,
     /// χ² reduction that was required.
     pub penalty: f64,
-    /// Cross-validation ([`NormalEquations::cross_validate`]).
+    /// Cross-validation ([`crate::normal_equations::NormalEquations::cross_validate`]).
     pub held_out: [Option<f64>; THIRDS],
     /// Signatures of the free parameters, if they have been run: nearly constant as long as the parameters are.
     pub(crate) columns: Option<Arc<Vec<Nuisance>>>,
