@@ -23,6 +23,8 @@ const REACH_S: f64 = 30.0;
 const REACH_ROWS: usize = 4;
 /// A row farther from the smoothed difference, in sigmas, is a glitch.
 const GLITCH_SIGMAS: f64 = 8.0;
+/// Minimum eigenvalue of the normal matrix of the gyros in use: 1 with a gyro along each axis, the square of a misalignment without.
+const MIN_EIGENVALUE: f64 = 0.5;
 /// Median of the absolute value of a standard normal variable.
 const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_081_7;
 /// Weights of a cubic through seven nodes (Savitzky and Golay): half of the rounding's variance stays, and 94 % of a limit cycle of 5 s.
@@ -115,7 +117,8 @@ impl SmoothedReference {
     }
 }
 
-/// Accumulated rotation about the control axes by the calibration as given; that of the reference where the gyros do not determine it.
+/// Accumulated rotation about the control axes by the calibration as given; broken gyros sense that of the reference if the others do not
+/// determine it.
 fn rotation(
     counts: &AccumulatedCounts,
     reference: &RecordedAttitude,
@@ -133,15 +136,18 @@ fn rotation(
     let mut of_node = |node: usize| {
         let now = reference.at(counts.node_s[node], &mut near).0;
         if node > 0 {
-            let inverse = if is_broken[node] == [false; TIMING] { all } else { inverse(matrix, is_broken[node]) };
+            let moved = Vector3::from_fn(|axis, _| now[axis] - before[axis]);
+            let without = if is_broken[node] == [false; TIMING] { all } else { inverse(matrix, is_broken[node]) };
             let sensed = Vector4::from_fn(|gyro, _| {
+                if is_broken[node][gyro] && without.is_none() {
+                    return (matrix.row(gyro) * moved)[0];
+                }
                 let calibration = &nominal.gyros[gyro].calibration;
                 let increment = counts.accumulated[gyro][node] - counts.accumulated[gyro][node - 1];
                 increment * calibration.scale_factor + calibration.drift_arcsec_per_half_s
             });
-            for axis in 0..3 {
-                sum[axis] += inverse.map_or(now[axis] - before[axis], |inverse| (inverse.row(axis) * sensed)[0]);
-            }
+            let rotation = without.or(all).map_or(moved, |inverse| inverse * sensed);
+            (0..3).for_each(|axis| sum[axis] += rotation[axis]);
         }
         before = now;
         sum
@@ -149,11 +155,14 @@ fn rotation(
     (0..counts.node_s.len()).map(&mut of_node).collect()
 }
 
-/// Rotation from sensed angles by least squares, without broken gyros; `None` if the others do not determine it.
+/// Rotation from sensed angles by least squares, without broken gyros; `None` if the others do not determine it, or only by their
+/// misalignments.
 fn inverse(matrix: &Matrix4x3<f64>, is_broken: [bool; TIMING]) -> Option<Matrix3x4<f64>> {
     let mut used = *matrix;
     (0..TIMING).filter(|&gyro| is_broken[gyro]).for_each(|gyro| used.row_mut(gyro).fill(0.0));
-    Some((used.transpose() * used).try_inverse()? * used.transpose())
+    let normal = used.transpose() * used;
+    let is_determined = normal.symmetric_eigenvalues().min() > MIN_EIGENVALUE;
+    is_determined.then_some(normal.try_inverse()? * used.transpose())
 }
 
 /// A motion with these accumulated angles at the nodes, and θ and ψ of the reference.
