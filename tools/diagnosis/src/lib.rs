@@ -7,11 +7,10 @@
 //! - statistics: `linear_algebra`, `rounding`, `whitening`, `normal_equations`, `sweep`, `signature`, `spots`, `fitted_hypothesis`, `model_state` (a fit), `noise`, `whiteness`, `search`, `null_distribution`, `temperature_lag`;
 //! - the selection of hypotheses: `model_selection`;
 //! - the report: `residual_map`, `alternatives`, `outcome` (types only), `discriminating_test`, `entries`, `cross_validation`, `unexplained`;
-//! - the whole: `diagnosis`, `report`, and `blind`, its trial.
+//! - the whole: `diagnosis`, `report`.
 
 pub mod alternatives;
 pub mod amplitude;
-pub mod blind;
 pub mod checks;
 mod courses;
 mod cross_validation;

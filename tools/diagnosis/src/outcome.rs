@@ -1,5 +1,7 @@
 //! Results of a diagnosis: types only.
 
+use std::fmt;
+
 use geu_model::Configuration;
 use geu_model::package::Calibration;
 use geu_protocol::Gyro;
@@ -7,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::alternatives::AMBIGUITY_CHI2;
 use crate::finding::Finding;
-use crate::gyros::Gyros;
+use crate::gyros::{Gyros, names};
 use crate::hypothesis::Hypothesis;
 use crate::measured::{CHANNELS, Series, TIMING};
 use crate::model_selection::SelectionStep;
@@ -206,6 +208,30 @@ impl DiagnosedEffect {
     /// The number of this name, where it is one.
     pub fn number(&self, name: &str) -> Option<&EstimatedValue> {
         self.parameters.iter().find(|number| number.name == name && number.written.is_none())
+    }
+
+    /// The hypothesis; `None` if the model has no such effect.
+    pub fn hypothesis(&self) -> Option<Hypothesis> {
+        let number = |name: &str| self.number(name).map(|number| number.value);
+        Hypothesis::from_numbers(&self.code, self.formula.as_deref(), self.gyros, number)
+    }
+}
+
+impl fmt::Display for DiagnosedEffect {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "{} {}", names(&self.gyros).join("+"), self.code)?;
+        if let Some(formula) = &self.formula {
+            write!(f, " {formula}")?;
+        }
+        let mut numbers: Vec<_> = self.parameters.iter().filter(|number| number.written.is_none()).collect();
+        numbers.sort_by(|one, other| one.name.cmp(&other.name));
+        for number in numbers {
+            write!(f, " {}={:.4e}", number.name, number.value)?;
+            if let Some(sigma) = number.sigma {
+                write!(f, "±{sigma:.1e}")?;
+            }
+        }
+        Ok(())
     }
 }
 

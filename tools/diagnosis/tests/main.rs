@@ -1,6 +1,5 @@
 //! Diagnoses of simulated and measured recordings.
 
-mod blind;
 mod checks;
 mod discriminating_test;
 mod recorded;

@@ -4,10 +4,10 @@ use std::fs;
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use geu_diagnosis::Verdict;
-use geu_diagnosis::blind::{
+use geu_blind::{
     AnswerKey, CampaignPlan, InjectedEffect, ReportedDiagnosis, SURVEY_S, TrialMotion, campaign, generate_trial, score,
 };
+use geu_diagnosis::Verdict;
 use geu_diagnosis::report::labelled;
 use indicatif::ProgressBar;
 

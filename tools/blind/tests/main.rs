@@ -1,6 +1,6 @@
 //! The blind trial: keys, scores, and campaigns that do not depend on the number of threads.
 
-use geu_diagnosis::blind::{
+use geu_blind::{
     AnswerKey, CampaignPlan, InjectedEffect, IsolationResult, Origin, ReportedDiagnosis, TrialMotion, campaign,
     generate_trial, score,
 };

@@ -10,21 +10,21 @@ use geu_calibration::CountsReader;
 use geu_model::Configuration;
 use geu_recording::Sink;
 
-use super::injected::{InjectedEffect, Origin};
-use super::simulate::{SimulatedRecording, simulate};
-use crate::alternatives::{Alternative, similar_hypotheses};
-use crate::diagnosis::{DiagnosisOptions, diagnose_rows};
-use crate::hypothesis::Hypothesis;
-use crate::measured::{CHANNELS, MeasuredData, MeasuredError, Series, Shifts};
-use crate::model_state::{DiagnosisCase, FittedHypothesis};
-use crate::noise;
-use crate::normal_equations::{NormalEquations, Nuisance};
-use crate::null_distribution::Thresholds;
-use crate::outcome::{DiagnosedEffect, Diagnosis};
-use crate::rounding::Rounding;
-use crate::signature::Signature;
-use crate::signature_bank::SignatureBank;
-use crate::whitening::NoiseModel;
+use crate::injected::{InjectedEffect, Origin};
+use crate::simulate::{SimulatedRecording, simulate};
+use geu_diagnosis::alternatives::{Alternative, similar_hypotheses};
+use geu_diagnosis::hypothesis::Hypothesis;
+use geu_diagnosis::measured::{CHANNELS, MeasuredData, MeasuredError, Series, Shifts};
+use geu_diagnosis::model_state::{DiagnosisCase, FittedHypothesis};
+use geu_diagnosis::noise;
+use geu_diagnosis::normal_equations::{NormalEquations, Nuisance};
+use geu_diagnosis::null_distribution::Thresholds;
+use geu_diagnosis::outcome::{DiagnosedEffect, Diagnosis};
+use geu_diagnosis::rounding::Rounding;
+use geu_diagnosis::signature::Signature;
+use geu_diagnosis::signature_bank::SignatureBank;
+use geu_diagnosis::whitening::NoiseModel;
+use geu_diagnosis::{DiagnosisOptions, diagnose_rows};
 
 /// Length of the standard survey motion: three hours of the default scenario.
 pub const SURVEY_S: f64 = 10_800.0;

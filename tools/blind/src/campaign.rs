@@ -9,13 +9,13 @@ use std::time::Instant;
 use rayon::ThreadPoolBuilder;
 use serde_json::{Map, Value, json};
 
-use super::injected::InjectedEffect;
-use super::score::{IsolationResult, ReportedDiagnosis, Score, score};
-use super::survey::TrialMotion;
-use super::trial::TrialGenerator;
-use crate::gyros::names;
-use crate::measured::MeasuredError;
-use crate::outcome::DiagnosedEffect;
+use crate::injected::InjectedEffect;
+use crate::score::{IsolationResult, ReportedDiagnosis, Score, score};
+use crate::survey::TrialMotion;
+use crate::trial::TrialGenerator;
+use geu_diagnosis::gyros::names;
+use geu_diagnosis::measured::MeasuredError;
+use geu_diagnosis::outcome::DiagnosedEffect;
 
 /// Number of runs for each run with a term outside the catalogue.
 const RUNS_OF_UNKNOWN: usize = 4;

@@ -1,7 +1,7 @@
 //! The blind trial: simulated recordings with random effects injected, and scores of their diagnosis.
 //!
 //! ```
-//! use geu_diagnosis::blind::{TrialMotion, generate_trial};
+//! use geu_blind::{TrialMotion, generate_trial};
 //! use geu_model::Configuration;
 //!
 //! let motion = TrialMotion::new(Configuration::reference(), 1500.0).expect("long enough");

@@ -6,10 +6,9 @@ use geu_model::parameter_spec::Role;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::injected::{FieldError, InjectedEffect, Origin};
-use crate::gyros::{Gyros, is_within, names, overlap};
-use crate::hypothesis::Hypothesis;
-use crate::outcome::{Class, DiagnosedEffect, Diagnosis, ReportedAlternative, Verdict};
+use crate::injected::{FieldError, InjectedEffect, Origin};
+use geu_diagnosis::gyros::{Gyros, is_within, overlap};
+use geu_diagnosis::outcome::{Class, DiagnosedEffect, Diagnosis, ReportedAlternative, Verdict};
 
 /// Minimum cosine with a term outside the catalogue for the right group.
 const GROUP_COSINE: f64 = 0.95;
@@ -60,36 +59,6 @@ impl ReportedDiagnosis {
             temperature_late_s: if temperature_late_s.is_null() { Some(0.0) } else { temperature_late_s.as_f64() }
                 .ok_or_else(|| bad("temperature_late_s", "a number"))?,
         })
-    }
-}
-
-impl DiagnosedEffect {
-    /// The hypothesis; `None` if the model has no such effect.
-    pub fn hypothesis(&self) -> Option<Hypothesis> {
-        let number = |name: &str| self.number(name).map(|number| number.value);
-        Hypothesis::from_numbers(&self.code, self.formula.as_deref(), self.gyros, number)
-    }
-
-    fn is(&self, injected: &InjectedEffect) -> bool {
-        self.code == injected.code() && self.formula == injected.formula()
-    }
-}
-
-impl fmt::Display for DiagnosedEffect {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        write!(f, "{} {}", names(&self.gyros).join("+"), self.code)?;
-        if let Some(formula) = &self.formula {
-            write!(f, " {formula}")?;
-        }
-        let mut numbers: Vec<_> = self.parameters.iter().filter(|number| number.written.is_none()).collect();
-        numbers.sort_by(|one, other| one.name.cmp(&other.name));
-        for number in numbers {
-            write!(f, " {}={:.4e}", number.name, number.value)?;
-            if let Some(sigma) = number.sigma {
-                write!(f, "±{sigma:.1e}")?;
-            }
-        }
-        Ok(())
     }
 }
 
@@ -171,7 +140,7 @@ pub fn score(
     let mut isolations = Vec::new();
     for own in injected {
         let gyros = own.gyros();
-        let is_own = |found: &DiagnosedEffect| found.is(own) && is_within(&found.gyros, &gyros);
+        let is_own = |found: &DiagnosedEffect| own.is_named_by(found) && is_within(&found.gyros, &gyros);
         let mut reached: Gyros = [false; 4];
         for found in result.missing.iter().filter(|found| is_own(found)) {
             reached.iter_mut().zip(found.gyros).for_each(|(all, one)| *all |= one);
@@ -219,7 +188,7 @@ pub fn score(
 /// Amplitude error of an effect that one entry reports on all of its gyros.
 fn size_error(injected: &InjectedEffect, result: &ReportedDiagnosis) -> Option<SizeError> {
     let gyros = injected.gyros();
-    let found = result.missing.iter().find(|found| found.is(injected) && found.gyros == gyros)?;
+    let found = result.missing.iter().find(|found| injected.is_named_by(found) && found.gyros == gyros)?;
     let numbers = injected.hypothesis.parameters();
     let (truth, found) = (numbers[0].value, found.number(&numbers[0].name)?);
     // The sign of a wave is ambiguous with its phase.

@@ -12,12 +12,12 @@ use geu_protocol::Gyro;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::injected::{AnswerKey, InjectedEffect, Origin};
-use super::simulate::{SimulatedRecording, simulate};
-use super::survey::TrialMotion;
-use crate::amplitude::{AmplitudeRef, STEP, is_real};
-use crate::gyros::{ALL_GYROS, only};
-use crate::hypothesis::Hypothesis;
+use crate::injected::{AnswerKey, InjectedEffect, Origin};
+use crate::simulate::{SimulatedRecording, simulate};
+use crate::survey::TrialMotion;
+use geu_diagnosis::amplitude::{AmplitudeRef, STEP, is_real};
+use geu_diagnosis::gyros::{ALL_GYROS, only};
+use geu_diagnosis::hypothesis::Hypothesis;
 
 /// Strengths of [`generate_trial`], sigmas.
 const STRENGTHS: [f64; 6] = [3.0, 4.5, 6.0, 9.0, 12.0, 24.0];

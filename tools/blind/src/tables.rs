@@ -1,8 +1,8 @@
 //! Tables of a campaign, in Markdown.
 
-use super::campaign::{BlindCampaign, Group, TrialKind, TrialRun};
-use super::score::IsolationResult;
-use crate::outcome::Verdict;
+use crate::campaign::{BlindCampaign, Group, TrialKind, TrialRun};
+use crate::score::IsolationResult;
+use geu_diagnosis::outcome::Verdict;
 
 /// Quantile of the normal distribution for a two-sided interval of 95 %.
 const NORMAL_95: f64 = 1.959_964;

@@ -2,8 +2,9 @@
 
 use toml_edit::{Array, ArrayOfTables, DocumentMut, InlineTable, Item, Table, Value, value};
 
-use crate::gyros::{Gyros, from_names, names};
-use crate::hypothesis::Hypothesis;
+use geu_diagnosis::gyros::{Gyros, from_names, names};
+use geu_diagnosis::hypothesis::Hypothesis;
+use geu_diagnosis::outcome::DiagnosedEffect;
 
 /// Origin of an injected effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -63,6 +64,11 @@ pub struct FieldError {
 }
 
 impl InjectedEffect {
+    /// True if the diagnosis names it, on whichever gyros.
+    pub(crate) fn is_named_by(&self, found: &DiagnosedEffect) -> bool {
+        found.code == self.code() && found.formula == self.formula()
+    }
+
     /// Code of the model, with the suffix of its time course.
     pub fn code(&self) -> String {
         self.hypothesis.amplitude.code()
