@@ -131,6 +131,9 @@ fn drifts_are_explained() {
             head("drift-temperature", &[("arcsec_per_h_per_k", 12.0)]),
             head("drift-periodic", &[("amplitude_arcsec_per_h", 20.0), ("period_s", 5000.0), ("phase_rad", 1.0)]),
             head("drift-sensor-temperature", &[("arcsec_per_h_per_k", 1.0)]),
+            head("drift-settling", &[("arcsec_per_h", 40.0), ("time_s", 0.0), ("time_constant_s", 1100.0)]),
+            head("drift-pulse", &[("arcsec_per_h", 60.0), ONSET, ("duration_s", 660.0)]),
+            head("drift-temperature-rate", &[("arcsec_per_h_per_k_per_h", 8.0)]),
         ],
     );
 }

@@ -4,8 +4,10 @@ use std::f64::consts::TAU;
 
 use crate::{GYROS, Gyro};
 
-/// One effect: a code, with `-step`, `-ramp`, `-temperature` or `-periodic` for a time course, and its numbers by their
-/// configuration names.
+/// Suffixes of time courses; a longer one before its own end.
+const COURSES: [&str; 7] = ["-temperature-rate", "-temperature", "-step", "-ramp", "-periodic", "-settling", "-pulse"];
+
+/// An effect: a code, with a suffix of [`COURSES`] for a time course, and its numbers by their configuration names.
 #[derive(Debug, Clone)]
 pub struct PlantedEffect {
     /// `drift-ramp`.
@@ -25,19 +27,27 @@ impl PlantedEffect {
     /// The contribution of each parameter to each of the gyros.
     pub(crate) fn terms(&self) -> Vec<Term> {
         let has = |code: &str| QUANTITIES.iter().any(|(known, ..)| *known == code);
-        let (base, course) = match self.code.rsplit_once('-') {
-            Some((base, course)) if !has(&self.code) && has(base) => (base, course),
-            _ => (self.code.as_str(), ""),
-        };
+        let of_course = |suffix: &&'static str| Some((self.code.strip_suffix(*suffix)?, *suffix));
+        let found = COURSES.iter().filter_map(of_course).find(|(base, _)| has(base));
+        let (base, course) = found.filter(|_| !has(&self.code)).unwrap_or((self.code.as_str(), ""));
         let shape = |name: &str| self.parameters.iter().find(|(own, _)| own == name).map_or(0.0, |(_, value)| *value);
         let (prefix, suffix, shapes, course): (_, _, &[&str], _) = match course {
             "" => ("", "", &[], Course::Constant),
-            "step" => ("", "", &["time_s"], Course::Step { time_s: shape("time_s") }),
-            "ramp" => ("", "_per_day", &[], Course::Ramp),
-            "temperature" => ("", "_per_k", &[], Course::Temperature),
-            "periodic" => {
+            "-step" => ("", "", &["time_s"], Course::Step { time_s: shape("time_s") }),
+            "-ramp" => ("", "_per_day", &[], Course::Ramp),
+            "-temperature-rate" => ("", "_per_k_per_h", &[], Course::TemperatureRate),
+            "-temperature" => ("", "_per_k", &[], Course::Temperature),
+            "-periodic" => {
                 let course = Course::Periodic { period_s: shape("period_s"), phase_rad: shape("phase_rad") };
                 ("amplitude_", "", &["period_s", "phase_rad"], course)
+            }
+            "-settling" => {
+                let course = Course::Settling { time_s: shape("time_s"), time_constant_s: shape("time_constant_s") };
+                ("", "", &["time_s", "time_constant_s"], course)
+            }
+            "-pulse" => {
+                let course = Course::Pulse { time_s: shape("time_s"), duration_s: shape("duration_s") };
+                ("", "", &["time_s", "duration_s"], course)
             }
             _ => panic!("{}: no such course", self.code),
         };
@@ -74,14 +84,18 @@ pub(crate) struct Term {
 }
 
 impl Term {
-    /// Value at time `t` since the start and `electronics_k` above the reference temperature.
-    pub fn at(&self, t: f64, electronics_k: f64) -> f64 {
+    /// Value at time `t` since the start, with the electronics above their reference temperature and changing it.
+    pub fn at(&self, t: f64, electronics_k: f64, electronics_k_per_h: f64) -> f64 {
         self.value
             * match self.course {
                 Course::Constant => 1.0,
                 Course::Step { time_s } => f64::from(u8::from(t >= time_s)),
                 Course::Ramp => t / 86_400.0,
                 Course::Temperature => electronics_k,
+                Course::TemperatureRate => electronics_k_per_h,
+                Course::Settling { time_s, .. } if t < time_s => 0.0,
+                Course::Settling { time_s, time_constant_s } => libm::exp((time_s - t) / time_constant_s),
+                Course::Pulse { time_s, duration_s } => f64::from(u8::from(t >= time_s && t < time_s + duration_s)),
                 Course::Periodic { period_s, phase_rad } => libm::sin(TAU * t / period_s + phase_rad),
             }
     }
@@ -93,6 +107,9 @@ pub(crate) enum Course {
     Step { time_s: f64 },
     Ramp,
     Temperature,
+    TemperatureRate,
+    Settling { time_s: f64, time_constant_s: f64 },
+    Pulse { time_s: f64, duration_s: f64 },
     Periodic { period_s: f64, phase_rad: f64 },
 }
 

@@ -1,16 +1,19 @@
 //! An independent model: a second implementation of the model's page, made from the page alone. It shares no code with the
 //! model or the protocol, so that an agreement of the two confirms the reading of the page.
 //!
-//! It simulates a survey of the reference unit with the errors of a two-week-old calibration and injected effects, and
+//! It simulates motions of the reference unit with the errors of a two-week-old calibration and injected effects, and
 //! writes the recording of a bench: a CAN capture and the attitude of a better sensor.
 
 mod injected;
 mod motion;
 mod noise;
+mod reference;
 mod unit;
 mod wire;
 
 pub use injected::PlantedEffect;
+pub use motion::MotionKind;
+pub use reference::ReferenceKind;
 
 use motion::Motion;
 use noise::Noise;
@@ -21,6 +24,8 @@ use unit::Unit;
 const STEP_S: f64 = 0.025;
 const STEPS: usize = 20;
 const SAMPLE_INTERVAL_S: f64 = 0.5;
+/// Stream of the reference's noise; those of the gyros are 3 to 6.
+const REFERENCE_STREAM: u64 = 7;
 
 /// GYRX, GYRY, GYRZA, GYRZB, in the order of the link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,6 +72,10 @@ pub struct IndependentModel {
     pub start_unix_s: u64,
     /// Time at which the sensor heater is switched off, if at all.
     pub heater_off_s: Option<f64>,
+    /// Motion of the spacecraft or table.
+    pub motion: MotionKind,
+    /// Reference.
+    pub reference: ReferenceKind,
     /// Effects that the reference unit does not have.
     pub effects: Vec<PlantedEffect>,
 }
@@ -76,7 +85,7 @@ pub struct IndependentModel {
 pub struct Recording {
     /// `link.log`: a capture as `candump -l` writes it.
     pub link: String,
-    /// `reference.csv`: exact mean rates over samples of true time, θ and ψ.
+    /// `reference.csv`.
     pub reference: String,
     /// True values of the unit.
     pub calibrations: [Calibration; 4],
@@ -85,7 +94,15 @@ pub struct Recording {
 impl IndependentModel {
     /// Three hours.
     pub fn new(seed: u64, effects: Vec<PlantedEffect>) -> IndependentModel {
-        IndependentModel { seed, duration_s: 10_800.0, start_unix_s: 1_795_000_000, heater_off_s: None, effects }
+        IndependentModel {
+            seed,
+            duration_s: 10_800.0,
+            start_unix_s: 1_795_000_000,
+            heater_off_s: None,
+            motion: MotionKind::Survey,
+            reference: ReferenceKind::Rates,
+            effects,
+        }
     }
 
     /// Simulates the recording.
@@ -93,19 +110,21 @@ impl IndependentModel {
     /// # Panics
     /// On an unknown effect.
     pub fn record(&self) -> Recording {
-        let motion = Motion::drawn(&mut Noise::new(self.seed, 0), self.duration_s);
+        let mut motion = Motion::drawn(self.motion, &mut Noise::new(self.seed, 0), self.duration_s);
         let mut unit = Unit::new(self);
         let mut jitter = Noise::new(self.seed, 1);
         let (mut link, mut end_s) = (String::new(), 0.0);
         for sequence in 0..(self.duration_s / SAMPLE_INTERVAL_S).round() as u32 {
             let sample = unit.sample(&motion, end_s);
             end_s += sample.length_s;
+            motion.answer(end_s, sample.counts);
             // Receive stamps lag by 0.9 ms, with a jitter of 0.15 ms.
             let received_s = end_s + 0.9e-3 + 0.15e-3 * jitter.normal();
             wire::frames(&mut link, self.start_unix_s, received_s, sequence, &sample);
         }
         // A second more, for readers of truth ahead of the counts.
-        let reference = wire::reference(&motion, self.start_unix_s, end_s + 1.0);
+        let noise = Noise::new(self.seed, REFERENCE_STREAM);
+        let reference = reference::reference(self.reference, &motion, noise, self.start_unix_s, end_s + 1.0);
         Recording { link, reference, calibrations: unit.calibrations }
     }
 }

@@ -23,7 +23,7 @@ const SENSOR_TIME_S: f64 = 1200.0;
 const ORBIT_S: f64 = 6180.0;
 
 /// The reference unit: SF, D and misalignments about X, Y and Z.
-const REFERENCE_UNIT: [(f64, f64, [f64; 3]); 4] = [
+pub const REFERENCE_UNIT: [(f64, f64, [f64; 3]); 4] = [
     (1.00120, 0.2100, [0.0, 45.0, -30.0]),
     (0.99870, -0.1350, [20.0, 0.0, 62.0]),
     (1.00050, 0.0820, [-38.0, 15.0, 0.0]),
@@ -188,18 +188,24 @@ impl Unit {
         REFERENCE_C + swing * libm::sin(std::f64::consts::TAU * t / ORBIT_S + phase)
     }
 
+    fn electronics_k_per_h(&self, t: f64) -> f64 {
+        let (swing, phase) = self.electronics;
+        let frequency = std::f64::consts::TAU / ORBIT_S;
+        HOUR_S * swing * frequency * libm::cos(frequency * t + phase)
+    }
+
     fn quantities(&self, t: f64) -> [Quantities; 4] {
         let mut quantities = [Quantities::default(); 4];
-        let electronics_k = self.electronics_c(t) - REFERENCE_C;
+        let (electronics_k, electronics_k_per_h) = (self.electronics_c(t) - REFERENCE_C, self.electronics_k_per_h(t));
         for term in &self.terms {
-            quantities[term.gyro as usize].add(term.quantity, term.at(t, electronics_k));
+            quantities[term.gyro as usize].add(term.quantity, term.at(t, electronics_k, electronics_k_per_h));
         }
         quantities
     }
 
     /// The package's turn about Y, arcsec, and how far it turned in this step.
     fn thermal(&mut self, of_unit: &Quantities, state: &State, step_s: f64) -> (f64, f64) {
-        let settled = of_unit.get(MisalignmentThermal) * (state.theta_deg - 90.0);
+        let settled = of_unit.get(MisalignmentThermal) * state.sun_deg.map_or(0.0, |(theta_deg, _)| theta_deg - 90.0);
         let time_s = Some(of_unit.get(ThermalTime)).filter(|time_s| *time_s > 0.0).unwrap_or(THERMAL_TIME_S);
         let before = self.thermal_arcsec.unwrap_or(settled);
         let turned = (settled - before) * (1.0 - libm::exp(-step_s / time_s));

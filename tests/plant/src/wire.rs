@@ -1,10 +1,8 @@
-//! The output: a CAN capture and a reference, as in the interface control document.
+//! The output: a CAN capture, as in the interface control document.
 
 use std::fmt::Write;
 
-use crate::motion::Motion;
 use crate::unit::Sample;
-use crate::{SAMPLE_INTERVAL_S, STEP_S, STEPS};
 
 /// A frame of 8 bytes with its stuff bits on a bus of 500 kbit/s.
 const FRAME_S: f64 = 250e-6;
@@ -39,24 +37,6 @@ fn centi(celsius: f64) -> i16 {
 
 fn crc_16_ibm_3740(crc: u16, byte: u8) -> u16 {
     (0..8).fold(crc ^ u16::from(byte) << 8, |crc, _| if crc & 0x8000 == 0 { crc << 1 } else { crc << 1 ^ 0x1021 })
-}
-
-/// Mean rates over samples of true time, θ and ψ at their ends.
-pub fn reference(motion: &Motion, start_unix_s: u64, end_s: f64) -> String {
-    let mut text = "t_s,rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s,theta_deg,psi_deg\n".to_owned();
-    for row in 0..(end_s / SAMPLE_INTERVAL_S).ceil() as usize {
-        let start_s = row as f64 * SAMPLE_INTERVAL_S;
-        let mut sums = [0.0; 3];
-        for step in 0..STEPS {
-            let rates = motion.at(start_s + (step as f64 + 0.5) * STEP_S).rates;
-            sums = std::array::from_fn(|axis| sums[axis] + rates[axis]);
-        }
-        let [x, y, z] = sums.map(|sum| sum / STEPS as f64);
-        let end = motion.at(start_s + SAMPLE_INTERVAL_S);
-        let t_s = start_unix_s as f64 + start_s + SAMPLE_INTERVAL_S;
-        let _ = writeln!(text, "{t_s:.4},{x:.6},{y:.6},{z:.6},{:.6},{:.6}", end.theta_deg, end.psi_deg);
-    }
-    text
 }
 
 #[cfg(test)]

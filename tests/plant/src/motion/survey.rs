@@ -1,7 +1,8 @@
-//! The truth: θ and ψ leg by leg, and the inertial rates that follow.
+//! The survey: θ and ψ leg by leg, and the inertial rates that follow.
 
 use std::f64::consts::TAU;
 
+use super::State;
 use crate::noise::Noise;
 
 const ARCSEC_PER_DEG: f64 = 3600.0;
@@ -41,28 +42,20 @@ impl Leg {
     }
 }
 
-/// The state of motion at an instant.
-pub struct State {
-    /// Inertial rates about the control axes, arcsec/s.
-    pub rates: [f64; 3],
-    pub theta_deg: f64,
-    pub psi_deg: f64,
-}
-
-pub struct Motion {
+pub struct Survey {
     legs: Vec<Leg>,
     /// Rate, angular frequency and phase of the limit cycle, about X and about Y.
     limit_cycle: [(f64, f64, f64); 2],
 }
 
-impl Motion {
-    /// A survey: scans about the sun vector at several θ, turns about Y both ways at several speeds, slews that do
-    /// both, rests.
-    pub fn drawn(random: &mut Noise, duration_s: f64) -> Motion {
+impl Survey {
+    /// Scans about the sun vector at several θ, turns about Y both ways at several speeds, slews that do both, rests.
+    pub fn drawn(random: &mut Noise, duration_s: f64, has_limit_cycle: bool) -> Survey {
         // At most 5″/s, period 5 s (Casteren §3.3).
-        let limit_cycle =
-            [0; 2].map(|_| (random.uniform(3.5, 4.5), TAU / random.uniform(4.9, 5.1), random.uniform(0.0, TAU)));
-        let mut motion = Motion { legs: Vec::new(), limit_cycle };
+        let share = if has_limit_cycle { 1.0 } else { 0.0 };
+        let limit_cycle = [0; 2]
+            .map(|_| (share * random.uniform(3.5, 4.5), TAU / random.uniform(4.9, 5.1), random.uniform(0.0, TAU)));
+        let mut motion = Survey { legs: Vec::new(), limit_cycle };
         motion.rest(90.0, random.uniform(0.0, 360.0), 0.0);
         motion.turn_psi(ORBITAL_ARCSEC_S, random.uniform(60.0, 110.0));
         motion.wait(600.0);
@@ -104,7 +97,7 @@ impl Motion {
             theta_rate - SUN_ARCSEC_S * sin_psi + cycle_y,
             psi_rate * sin_theta - SUN_ARCSEC_S * cos_psi * cos_theta,
         ];
-        State { rates, theta_deg, psi_deg: psi_deg.rem_euclid(360.0) }
+        State { rates, sun_deg: Some((theta_deg, psi_deg.rem_euclid(360.0))) }
     }
 
     fn end_s(&self) -> f64 {
