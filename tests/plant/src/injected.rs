@@ -2,6 +2,7 @@
 
 use std::f64::consts::TAU;
 
+use crate::product::{self, Product};
 use crate::{GYROS, Gyro};
 
 /// Suffixes of time courses; a longer one before its own end.
@@ -10,7 +11,7 @@ const COURSES: [&str; 7] = ["-temperature-rate", "-temperature", "-step", "-ramp
 /// An effect: a code, with a suffix of [`COURSES`] for a time course, and its numbers by their configuration names.
 #[derive(Debug, Clone)]
 pub struct PlantedEffect {
-    /// `drift-ramp`.
+    /// `drift-ramp`, or `product rate_x*abs(rate_z)`.
     pub code: String,
     /// Affected gyros; empty for an effect of the unit; two for an `axis-swap`.
     pub gyros: Vec<Gyro>,
@@ -24,8 +25,17 @@ impl PlantedEffect {
         PlantedEffect { code: code.to_owned(), gyros: gyros.to_vec(), parameters }
     }
 
+    /// The product that the effect adds to the sensed rate of a gyro, if it is one.
+    pub(crate) fn product(&self, gyro: Gyro) -> Option<Product> {
+        let formula = self.code.strip_prefix(product::PREFIX)?;
+        self.gyros.contains(&gyro).then(|| Product::new(formula, self.parameters[0].1))
+    }
+
     /// The contribution of each parameter to each of the gyros.
     pub(crate) fn terms(&self) -> Vec<Term> {
+        if self.code.starts_with(product::PREFIX) {
+            return Vec::new();
+        }
         let has = |code: &str| QUANTITIES.iter().any(|(known, ..)| *known == code);
         let of_course = |suffix: &&'static str| Some((self.code.strip_suffix(*suffix)?, *suffix));
         let found = COURSES.iter().filter_map(of_course).find(|(base, _)| has(base));

@@ -7,6 +7,7 @@
 mod injected;
 mod motion;
 mod noise;
+mod product;
 mod reference;
 mod unit;
 mod wire;
@@ -24,7 +25,7 @@ use unit::Unit;
 const STEP_S: f64 = 0.025;
 const STEPS: usize = 20;
 const SAMPLE_INTERVAL_S: f64 = 0.5;
-/// Stream of the reference's noise; those of the gyros are 3 to 6.
+/// Stream of the reference's noise, after the four of the gyros.
 const REFERENCE_STREAM: u64 = 7;
 
 /// GYRX, GYRY, GYRZA, GYRZB, in the order of the link.

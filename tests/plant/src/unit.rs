@@ -5,6 +5,7 @@ use Quantity::*;
 use crate::injected::{PlantedEffect, Quantities, Quantity, Term};
 use crate::motion::{Motion, State};
 use crate::noise::Noise;
+use crate::product::{Product, Surroundings};
 use crate::{Calibration, GYROS, Gyro, IndependentModel, SAMPLE_INTERVAL_S, STEPS};
 
 const PPM: f64 = 1e-6;
@@ -53,6 +54,8 @@ pub struct Unit {
     terms: Vec<Term>,
     /// End of the motion in the counts so far.
     reported_s: Option<f64>,
+    /// Rates of the step before, once there is motion.
+    rates: Option<[f64; 3]>,
     channels: [Channel; 4],
     /// Angle of the package about Y, once there is motion.
     thermal_arcsec: Option<f64>,
@@ -64,6 +67,7 @@ pub struct Unit {
 
 /// State of one gyro.
 struct Channel {
+    products: Vec<Product>,
     noise: Noise,
     /// Not yet sensed.
     white_arcsec: f64,
@@ -107,7 +111,9 @@ impl Unit {
             calibrations,
             terms,
             reported_s: None,
+            rates: None,
             channels: GYROS.map(|gyro| Channel {
+                products: model.effects.iter().filter_map(|effect| effect.product(gyro)).collect(),
                 noise: Noise::new(model.seed, 3 + gyro as u64),
                 white_arcsec: 0.0,
                 drift_walk_arcsec_s: 0.0,
@@ -145,6 +151,13 @@ impl Unit {
             let t = start_s + (step as f64 + 0.5) * step_s;
             let quantities = self.quantities(t);
             let state = motion.at(from_s + (step as f64 + 0.5) * moved_s);
+            let before = self.rates.replace(state.rates).unwrap_or(state.rates);
+            let surroundings = Surroundings {
+                accelerations: std::array::from_fn(|axis| (state.rates[axis] - before[axis]) / moved_s),
+                electronics_k: self.electronics_c(t) - REFERENCE_C,
+                state: &state,
+                t,
+            };
             let (thermal, thermal_turn) = self.thermal(&quantities[0], &state, moved_s);
             for gyro in GYROS {
                 let turning = if gyro == Gyro::Y { thermal_turn } else { 0.0 };
@@ -163,6 +176,7 @@ impl Unit {
                     + own.get(Drift) / HOUR_S
                     + own.get(DriftSensorTemperature) / HOUR_S * (self.sensor_c - SENSOR_C);
                 let channel = &mut self.channels[gyro as usize];
+                let added: f64 = channel.products.iter().map(|product| product.rate(&surroundings)).sum();
                 let (sensed, input) = channel.sense(gyro, row, own, &state.rates, moved_s);
                 // Casteren §3.2: per on-board sample interval, in all.
                 let drift = drift * SAMPLE_INTERVAL_S * (1.0 - 2.0 * fast) / length_s
@@ -172,7 +186,7 @@ impl Unit {
                 if input > 0.0 {
                     scale_factor *= 1.0 + own.get(Asymmetry) * PPM;
                 }
-                channel.accumulated += (sensed + turning - drift * step_s) / scale_factor;
+                channel.accumulated += (sensed + turning + (added - drift) * step_s) / scale_factor;
             }
         }
         let electronics_c = self.electronics_c(end_s);
