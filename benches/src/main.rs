@@ -8,6 +8,7 @@ mod calibrate;
 mod control;
 mod decode;
 mod diagnose;
+mod matrix;
 mod model;
 mod process;
 mod rounds;
@@ -40,6 +41,8 @@ enum Benchmark {
     Decode(decode::Arguments),
     /// The whole diagnosis: time, memory and effects found, beside statsmodels and pysindy.
     Diagnose(diagnose::Arguments),
+    /// The diagnosis of the independent model's recordings, over motions and references.
+    Matrix(matrix::Arguments),
     /// Samples per second of the model, beside the same gyros in numpy.
     Model(model::Arguments),
 }
@@ -51,6 +54,7 @@ fn main() -> ExitCode {
         Benchmark::Control(arguments) => control::run(&arguments),
         Benchmark::Decode(arguments) => decode::run(&arguments),
         Benchmark::Diagnose(arguments) => diagnose::run(&arguments),
+        Benchmark::Matrix(arguments) => matrix::run(&arguments),
         Benchmark::Model(arguments) => model::run(&arguments),
     };
     match result {

@@ -31,11 +31,20 @@ impl PlantedEffect {
         self.gyros.contains(&gyro).then(|| Product::new(formula, self.parameters[0].1))
     }
 
+    /// True if the independent model has the effect, with this time course and these parameters.
+    pub fn is_known(&self) -> bool {
+        self.code.starts_with(product::PREFIX) || self.contributions().is_ok()
+    }
+
     /// The contribution of each parameter to each of the gyros.
     pub(crate) fn terms(&self) -> Vec<Term> {
         if self.code.starts_with(product::PREFIX) {
             return Vec::new();
         }
+        self.contributions().unwrap_or_else(|unknown| panic!("{unknown}"))
+    }
+
+    fn contributions(&self) -> Result<Vec<Term>, String> {
         let has = |code: &str| QUANTITIES.iter().any(|(known, ..)| *known == code);
         let of_course = |suffix: &&'static str| Some((self.code.strip_suffix(*suffix)?, *suffix));
         let found = COURSES.iter().filter_map(of_course).find(|(base, _)| has(base));
@@ -59,23 +68,25 @@ impl PlantedEffect {
                 let course = Course::Pulse { time_s: shape("time_s"), duration_s: shape("duration_s") };
                 ("", "", &["time_s", "duration_s"], course)
             }
-            _ => panic!("{}: no such course", self.code),
+            _ => return Err(format!("{}: no such course", self.code)),
         };
         let gyros = if self.gyros.is_empty() { &GYROS[..] } else { &self.gyros };
-        let of_parameter = |(name, value): &(String, f64)| {
+        let mut all = Vec::new();
+        for (name, value) in &self.parameters {
             let amplitude = name.strip_prefix(prefix).and_then(|name| name.strip_suffix(suffix));
             let found = QUANTITIES.iter().find_map(|(code, own, quantity)| match quantity {
                 _ if *code != base => None,
                 quantity if quantity.is_shape() => (own == name).then_some((*quantity, Course::Constant)),
                 quantity => (Some(*own) == amplitude).then_some((*quantity, course)),
             });
-            assert!(found.is_some() || shapes.contains(&name.as_str()), "{}: no parameter {name}", self.code);
-            let terms = |(quantity, course)| {
-                gyros.iter().map(move |gyro| Term { gyro: *gyro, quantity, value: *value, course })
-            };
-            found.into_iter().flat_map(terms).collect::<Vec<_>>()
-        };
-        self.parameters.iter().flat_map(of_parameter).collect()
+            if found.is_none() && !shapes.contains(&name.as_str()) {
+                return Err(format!("{}: no parameter {name}", self.code));
+            }
+            if let Some((quantity, course)) = found {
+                all.extend(gyros.iter().map(|gyro| Term { gyro: *gyro, quantity, value: *value, course }));
+            }
+        }
+        Ok(all)
     }
 }
 

@@ -15,7 +15,7 @@ use crate::survey::TrialMotion;
 use crate::trial::TrialGenerator;
 use geu_diagnosis::gyros::names;
 use geu_diagnosis::measured::MeasuredError;
-use geu_diagnosis::outcome::DiagnosedEffect;
+use geu_diagnosis::outcome::{DiagnosedEffect, Diagnosis};
 
 /// Number of runs for each run with a term outside the catalogue.
 const RUNS_OF_UNKNOWN: usize = 4;
@@ -127,17 +127,10 @@ pub fn campaign(
         };
         let recording = generator.simulate(&injected);
         let start = Instant::now();
-        let result = ReportedDiagnosis::from(&motion.diagnose(&recording)?);
-        let seconds = start.elapsed().as_secs_f64();
-        let cosine = |own: &InjectedEffect, found: &DiagnosedEffect| {
-            motion.signature_cosine(own, found, result.temperature_late_s)
-        };
-        let score = score(&injected, &result, &cosine);
-        let max_cosine =
-            |index: &usize| injected.iter().map(|own| cosine(own, &result.missing[*index])).fold(0.0, f64::max);
-        let cosines = score.false_alarms.iter().map(max_cosine).collect();
+        let diagnosis = motion.diagnose(&recording)?;
+        let run = TrialRun::new(motion, injected, &diagnosis, start.elapsed().as_secs_f64());
         done();
-        Ok(TrialRun { injected, result, score, cosines, seconds })
+        Ok(run)
     };
     // Thresholds first, on all cores.
     motion.diagnose(&TrialGenerator::new(motion, plan.seed, kinds.len() as u64).simulate(&[]))?;
@@ -153,7 +146,7 @@ pub fn campaign(
 
 /// Runs jobs on threads, each with a pool of its own for the parallel parts of a job, so that the time of a diagnosis does not depend
 /// on the others. Results in order.
-fn on_threads<T: Send>(threads: usize, count: usize, job: &(dyn Fn(usize) -> T + Sync)) -> Vec<T> {
+pub fn on_threads<T: Send>(threads: usize, count: usize, job: &(dyn Fn(usize) -> T + Sync)) -> Vec<T> {
     let (next, results) = (AtomicUsize::new(0), Mutex::new(BTreeMap::new()));
     let work = || {
         let pool = ThreadPoolBuilder::new().num_threads(1).build().ok();
@@ -175,13 +168,26 @@ fn on_threads<T: Send>(threads: usize, count: usize, job: &(dyn Fn(usize) -> T +
 }
 
 impl TrialRun {
+    /// Scores a diagnosis that took `seconds`.
+    pub fn new(motion: &TrialMotion, injected: Vec<InjectedEffect>, diagnosis: &Diagnosis, seconds: f64) -> TrialRun {
+        let result = ReportedDiagnosis::from(diagnosis);
+        let cosine = |own: &InjectedEffect, found: &DiagnosedEffect| {
+            motion.signature_cosine(own, found, result.temperature_late_s)
+        };
+        let score = score(&injected, &result, &cosine);
+        let max_cosine =
+            |index: &usize| injected.iter().map(|own| cosine(own, &result.missing[*index])).fold(0.0, f64::max);
+        let cosines = score.false_alarms.iter().map(max_cosine).collect();
+        TrialRun { injected, result, score, cosines, seconds }
+    }
+
     /// Isolation of the injected effect.
     pub(super) fn isolation(&self) -> IsolationResult {
         self.score.outcomes.first().map_or(IsolationResult::Missed, |outcome| outcome.isolation)
     }
 
     /// True if an effect of the catalogue was reported that is neither the injected one nor similar.
-    pub(super) fn is_wrong(&self) -> bool {
+    pub fn is_wrong(&self) -> bool {
         let is_wrong =
             |(index, cosine): (&usize, &f64)| self.result.missing[*index].formula.is_none() && *cosine <= SIMILAR;
         self.score.false_alarms.iter().zip(&self.cosines).any(is_wrong)
@@ -193,7 +199,7 @@ impl TrialRun {
     }
 
     /// Label and value of each fact: injected and reported effects, and their similarity.
-    fn facts(&self) -> Vec<(String, String)> {
+    pub fn facts(&self) -> Vec<(String, String)> {
         let fact = |label: &str, value: String| (label.to_owned(), value);
         let mut facts: Vec<_> = self.injected.iter().flat_map(InjectedEffect::facts).collect();
         if facts.is_empty() {

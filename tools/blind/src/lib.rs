@@ -17,9 +17,9 @@ mod survey;
 mod tables;
 mod trial;
 
-pub use campaign::{BlindCampaign, CampaignPlan, Group, TrialKind, TrialRun, campaign};
+pub use campaign::{BlindCampaign, CampaignPlan, Group, TrialKind, TrialRun, campaign, on_threads};
 pub use injected::{AnswerKey, FieldError, InjectedEffect, Origin};
 pub use score::{EffectScore, IsolationResult, ReportedDiagnosis, Score, SizeError, score};
 pub use simulate::{SimulatedRecording, simulate};
 pub use survey::{SURVEY_S, TrialMotion};
-pub use trial::generate_trial;
+pub use trial::{TrialGenerator, generate_trial};

@@ -8,7 +8,7 @@ use std::sync::{Arc, OnceLock};
 
 use geu_calibration::CountsReader;
 use geu_model::Configuration;
-use geu_recording::Sink;
+use geu_recording::{ReceivedSample, ReferenceAttitude, Sink};
 
 use crate::injected::{InjectedEffect, Origin};
 use crate::simulate::{SimulatedRecording, simulate};
@@ -60,10 +60,23 @@ impl TrialMotion {
     /// A duration that is too short for a diagnosis.
     pub fn new(nominal: Configuration, duration_s: f64) -> Result<TrialMotion, MeasuredError> {
         let recording = simulate(&nominal, duration_s);
+        TrialMotion::of_recording(nominal, &recording.rows, &recording.reference)
+    }
+
+    /// The motion of an effect-free recording of the nominal unit.
+    ///
+    /// # Errors
+    /// A recording that is too short for a diagnosis.
+    pub fn of_recording(
+        nominal: Configuration,
+        rows: &[ReceivedSample],
+        reference: &ReferenceAttitude,
+    ) -> Result<TrialMotion, MeasuredError> {
         let mut reader = CountsReader::default();
-        recording.rows.iter().for_each(|row| reader.row(row));
-        let counts = reader.finish(nominal.start_unix_ns).ok_or(MeasuredError::Empty)?;
-        let measured = MeasuredData::new(counts, &recording.reference, &nominal)?;
+        rows.iter().for_each(|row| reader.row(row));
+        let counts = reader.finish(reference.start_ns).ok_or(MeasuredError::Empty)?;
+        let measured = MeasuredData::new(counts, reference, &nominal)?;
+        let duration_s = measured.duration_s();
         let from = measured.run(&nominal, Shifts::default());
         let residual = measured.residual(&from);
         let case = DiagnosisCase::new(&measured, &nominal);

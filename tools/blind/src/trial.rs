@@ -62,18 +62,20 @@ pub fn generate_trial(motion: &TrialMotion, seed: u64) -> (AnswerKey, SimulatedR
             1 => draw.wiring(),
             _ => draw.amplitude(strength),
         };
-        // Time courses of one effect share its shape parameters, and an exchange of gyros moves the effect of another wiring fault.
-        let is_independent = |next: &InjectedEffect| {
-            !injected.iter().any(|own| {
-                own.code().starts_with(&next.code())
-                    || next.code().starts_with(&own.code())
-                    || own.origin == Origin::Wiring && next.origin == Origin::Wiring
-            })
-        };
-        injected.extend(next.filter(is_independent));
+        injected.extend(next.filter(|next| is_independent(next, &injected)));
     }
     let recording = draw.simulate(&injected);
     (AnswerKey { seed, duration_s: motion.duration_s, injected }, recording)
+}
+
+/// True if an effect can be injected beside others: time courses of one effect share its shape parameters, and an exchange of gyros moves
+/// the effect of another wiring fault.
+fn is_independent(next: &InjectedEffect, others: &[InjectedEffect]) -> bool {
+    !others.iter().any(|own| {
+        own.code().starts_with(&next.code())
+            || next.code().starts_with(&own.code())
+            || own.origin == Origin::Wiring && next.origin == Origin::Wiring
+    })
 }
 
 /// False if a wave would drive an amplitude below its limit of zero, such as a clearance.
@@ -163,6 +165,17 @@ impl<'a> TrialGenerator<'a> {
             let hypothesis = Hypothesis { amplitude, value: 0.0, own_shapes, course_shapes, gyros };
             self.motion.scaled(hypothesis, Origin::Catalogue, if is_negative { -1.0 } else { 1.0 }, strength)
         })
+    }
+
+    /// Draws amplitudes of the catalogue that do not share parameters.
+    pub fn amplitudes(&mut self, count: usize, strength: f64) -> Vec<InjectedEffect> {
+        let mut injected: Vec<InjectedEffect> = Vec::new();
+        for _ in 0..TRIES {
+            if injected.len() < count {
+                injected.extend(self.amplitude(strength).filter(|next| is_independent(next, &injected)));
+            }
+        }
+        injected
     }
 
     /// Draws a term outside the catalogue: half of them have one or two factors, which a diagnosis searches, and half three, which it

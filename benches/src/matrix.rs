@@ -1,0 +1,234 @@
+//! `geu-bench matrix`: the diagnosis of recordings of the independent model, over motions and references, by number of injected effects.
+//!
+//! Effects have twelve times their sigma on the motion and against the reference of their recording. Each recording has a motion,
+//! temperatures, calibration errors and noise of its own, and thresholds of its own.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Instant;
+
+use clap::{Args, value_parser};
+use geu_blind::{InjectedEffect, TrialGenerator, TrialMotion, TrialRun, on_threads};
+use geu_diagnosis::{DiagnosisOptions, Verdict, diagnose_rows};
+use geu_model::Configuration;
+use geu_plant::{GYROS, Gyro, IndependentModel, MotionKind, PlantedEffect, ReferenceKind};
+use geu_recording::{DecoderOptions, Defect, InputReader, ReceivedSample, ReferenceAttitude, Sink, Stop};
+
+use crate::Result;
+
+/// Strength of the effects, sigmas.
+const STRENGTH: f64 = 12.0;
+/// Parts of a cell's recordings: nothing, one, two, three effects, outside the catalogue.
+const PARTS: [(Kind, usize); 5] =
+    [(Kind::Effects(0), 20), (Kind::Effects(1), 20), (Kind::Effects(2), 8), (Kind::Effects(3), 4), (Kind::Outside, 8)];
+const MOTIONS: [(&str, MotionKind); 4] = [
+    ("survey with limit cycle", MotionKind::Survey),
+    ("quiet survey", MotionKind::QuietSurvey),
+    ("rate table", MotionKind::RateTable),
+    ("closed-loop slews", MotionKind::ClosedLoop),
+];
+const REFERENCES: [(&str, ReferenceKind); 4] = [
+    ("exact rates", ReferenceKind::Rates),
+    ("4 Hz, 1″", ReferenceKind::Quaternions { steps: 10, sigma_arcsec: 1.0 }),
+    ("1 Hz, 5″", ReferenceKind::Quaternions { steps: 40, sigma_arcsec: 5.0 }),
+    ("0.1 Hz, 3″", ReferenceKind::Quaternions { steps: 400, sigma_arcsec: 3.0 }),
+];
+
+/// Arguments of `geu-bench matrix`.
+#[derive(Args)]
+pub struct Arguments {
+    /// Random seed
+    #[arg(long, value_name = "N", value_parser = value_parser!(u64).range(..1 << 40))]
+    seed: u64,
+    /// Recordings of each cell: a third with nothing, a third with one effect, the rest with two, three, and outside the catalogue
+    #[arg(long, value_name = "N", default_value_t = 60)]
+    runs: usize,
+    /// Only this cell, motion 0…3 and reference 0…3
+    #[arg(long, value_name = "M,R")]
+    cell: Option<String>,
+    /// Only recordings with this content: nothing, 1, 2, 3, outside
+    #[arg(long, value_name = "CONTENT")]
+    only: Option<String>,
+    /// Print every recording that is not right
+    #[arg(long)]
+    misses: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Kind {
+    Effects(usize),
+    Outside,
+}
+
+impl Kind {
+    fn name(self) -> String {
+        match self {
+            Kind::Effects(0) => "nothing".to_owned(),
+            Kind::Effects(count) => count.to_string(),
+            Kind::Outside => "outside".to_owned(),
+        }
+    }
+}
+
+/// One recording of the matrix.
+struct Trial {
+    motion: usize,
+    reference: usize,
+    kind: Kind,
+    /// Of its scenario; the recording that sizes the effects has the same.
+    seed: u64,
+}
+
+/// Runs the campaign and prints its table.
+///
+/// # Errors
+/// A recording cannot be written or diagnosed.
+pub fn run(arguments: &Arguments) -> Result {
+    let trials: Vec<Trial> = trials(arguments);
+    let (start, done) = (Instant::now(), AtomicUsize::new(0));
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let runs = on_threads(threads, trials.len(), &|index| {
+        let run = trials[index].run().map_err(|error| error.to_string());
+        let done = 1 + done.fetch_add(1, Ordering::Relaxed);
+        eprint!("\r{done} of {}, {:.0} s", trials.len(), start.elapsed().as_secs_f64());
+        run
+    });
+    eprintln!();
+    let mut cells: BTreeMap<(usize, usize, Kind), [usize; 2]> = BTreeMap::new();
+    for (trial, run) in trials.iter().zip(runs) {
+        let name = trial.name();
+        let run = run.map_err(|error| format!("{name}: {error}"))?;
+        let is_right = is_right(&run, trial.kind);
+        let counts = cells.entry((trial.motion, trial.reference, trial.kind)).or_default();
+        counts[0] += usize::from(is_right);
+        counts[1] += 1;
+        if arguments.misses && !is_right {
+            println!("{name}, {:.1} s", run.seconds);
+            run.facts().iter().for_each(|(label, value)| println!("    {label:20} {value}"));
+        }
+    }
+    print(&cells);
+    Ok(())
+}
+
+fn trials(arguments: &Arguments) -> Vec<Trial> {
+    let whole: usize = PARTS.iter().map(|(_, count)| count).sum();
+    let mut trials = Vec::new();
+    for motion in 0..MOTIONS.len() {
+        for reference in 0..REFERENCES.len() {
+            for (kind, part) in PARTS {
+                let count = (part * arguments.runs).div_ceil(whole);
+                let is_asked = arguments.cell.as_ref().is_none_or(|cell| *cell == format!("{motion},{reference}"))
+                    && arguments.only.as_ref().is_none_or(|only| *only == kind.name());
+                for index in (0..count).filter(|_| is_asked) {
+                    let of_kind = PARTS.iter().position(|(other, _)| *other == kind).unwrap_or(0);
+                    let place = ((motion * 4 + reference) * PARTS.len() + of_kind) * 1000 + index;
+                    trials.push(Trial { motion, reference, kind, seed: (arguments.seed << 20) + place as u64 });
+                }
+            }
+        }
+    }
+    trials
+}
+
+/// Nothing: consistent. Effects: each right or in its group, and no other. Outside the catalogue: no name of the catalogue.
+fn is_right(run: &TrialRun, kind: Kind) -> bool {
+    match kind {
+        Kind::Effects(0) => run.result.verdict == Verdict::Consistent && run.result.missing.is_empty(),
+        Kind::Effects(count) => run.injected.len() == count && run.score.is_right(&run.injected, &run.result),
+        Kind::Outside => !run.is_wrong(),
+    }
+}
+
+impl Trial {
+    fn name(&self) -> String {
+        let Trial { motion, reference, kind, seed } = self;
+        format!("{}, {}, {}, seed {seed}", MOTIONS[*motion].0, REFERENCES[*reference].0, kind.name())
+    }
+
+    fn run(&self) -> Result<TrialRun> {
+        let nominal = Configuration::reference();
+        let (rows, reference) = self.recorded(&[])?;
+        let motion = TrialMotion::of_recording(nominal.clone(), &rows, &reference)?;
+        let mut generator = TrialGenerator::new(&motion, self.seed, 0);
+        // The independent model does not have every time course of every effect.
+        let mut draw = || match self.kind {
+            Kind::Effects(count) => generator.amplitudes(count, STRENGTH),
+            Kind::Outside => generator.unknown(STRENGTH).into_iter().collect(),
+        };
+        let injected = std::iter::repeat_with(&mut draw)
+            .find(|injected| injected.iter().all(|own| planted(own).is_known()))
+            .unwrap_or_default();
+        let effects: Vec<PlantedEffect> = injected.iter().map(planted).collect();
+        let (rows, reference) = self.recorded(&effects)?;
+        let options = DiagnosisOptions {
+            seed: 1,
+            clock_start_ns: reference.start_ns,
+            manoeuvres: None,
+            known: &|_| None,
+            keep: &|_, _| (),
+            progress: &|_| (),
+        };
+        let start = Instant::now();
+        let diagnosis = diagnose_rows(&rows, &[], &nominal, &reference, &options)?;
+        Ok(TrialRun::new(&motion, injected, &diagnosis, start.elapsed().as_secs_f64()))
+    }
+
+    fn recorded(&self, effects: &[PlantedEffect]) -> Result<(Vec<ReceivedSample>, ReferenceAttitude)> {
+        let model = IndependentModel {
+            motion: MOTIONS[self.motion].1,
+            reference: REFERENCES[self.reference].1,
+            ..IndependentModel::new(self.seed, effects.to_vec())
+        };
+        let recording = model.record();
+        let link = tempfile::NamedTempFile::new()?;
+        fs::write(link.path(), recording.link)?;
+        let (mut reader, mut rows) = (InputReader::new(DecoderOptions::default(), Stop::default()), Rows::default());
+        reader.read(&link.path().to_string_lossy(), &mut rows)?;
+        reader.finish(&mut rows).1?;
+        Ok((rows.0, ReferenceAttitude::parse("reference.csv", &recording.reference)?))
+    }
+}
+
+/// The effect of the independent model.
+fn planted(injected: &InjectedEffect) -> PlantedEffect {
+    let gyros: Vec<Gyro> =
+        GYROS.into_iter().zip(injected.gyros()).filter_map(|(gyro, is)| is.then_some(gyro)).collect();
+    let numbers = injected.hypothesis.parameters();
+    let code = match injected.formula() {
+        Some(formula) => format!("product {formula}"),
+        None => injected.code(),
+    };
+    let numbers: Vec<(&str, f64)> = numbers.iter().map(|number| (number.name.as_str(), number.value)).collect();
+    PlantedEffect::new(&code, &gyros, &numbers)
+}
+
+#[derive(Default)]
+struct Rows(Vec<ReceivedSample>);
+
+impl Sink for Rows {
+    fn row(&mut self, row: &ReceivedSample) {
+        self.0.push(*row);
+    }
+    fn defect(&mut self, _: &Defect) {}
+}
+
+/// Right of all, by cell and content, in Markdown.
+fn print(cells: &BTreeMap<(usize, usize, Kind), [usize; 2]>) {
+    let kinds = PARTS.map(|(kind, _)| kind);
+    println!("| motion | reference | {} |", kinds.map(Kind::name).join(" | "));
+    println!("|---|---|{}", "---|".repeat(kinds.len()));
+    let share = |is: &dyn Fn(&(usize, usize, Kind)) -> bool| {
+        let of_cells = cells.iter().filter(|(cell, _)| is(cell));
+        let [right, all] = of_cells.fold([0, 0], |sum, (_, counts)| [sum[0] + counts[0], sum[1] + counts[1]]);
+        format!("{right}/{all}")
+    };
+    for (motion, (motion_name, _)) in MOTIONS.iter().enumerate() {
+        for (reference, (reference_name, _)) in REFERENCES.iter().enumerate() {
+            let of_kind = |kind| share(&|cell| *cell == (motion, reference, kind));
+            println!("| {motion_name} | {reference_name} | {} |", kinds.map(of_kind).join(" | "));
+        }
+    }
+    println!("| all | all | {} |", kinds.map(|kind| share(&|cell| cell.2 == kind)).join(" | "));
+}
