@@ -20,8 +20,13 @@ use crate::Result;
 /// Strength of the effects, sigmas.
 const STRENGTH: f64 = 12.0;
 /// Parts of a cell's recordings: nothing, one, two, three effects, outside the catalogue.
-const PARTS: [(Kind, usize); 5] =
-    [(Kind::Effects(0), 20), (Kind::Effects(1), 20), (Kind::Effects(2), 8), (Kind::Effects(3), 4), (Kind::Outside, 8)];
+const PARTS: [(Content, usize); 5] = [
+    (Content::Effects(0), 20),
+    (Content::Effects(1), 20),
+    (Content::Effects(2), 8),
+    (Content::Effects(3), 4),
+    (Content::Outside, 8),
+];
 const MOTIONS: [(&str, MotionKind); 4] = [
     ("survey with limit cycle", MotionKind::Survey),
     ("quiet survey", MotionKind::QuietSurvey),
@@ -56,17 +61,17 @@ pub struct Arguments {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Kind {
+enum Content {
     Effects(usize),
     Outside,
 }
 
-impl Kind {
+impl Content {
     fn name(self) -> String {
         match self {
-            Kind::Effects(0) => "nothing".to_owned(),
-            Kind::Effects(count) => count.to_string(),
-            Kind::Outside => "outside".to_owned(),
+            Content::Effects(0) => "nothing".to_owned(),
+            Content::Effects(count) => count.to_string(),
+            Content::Outside => "outside".to_owned(),
         }
     }
 }
@@ -75,8 +80,8 @@ impl Kind {
 struct Trial {
     motion: usize,
     reference: usize,
-    kind: Kind,
-    /// Of its scenario; the recording that sizes the effects has the same.
+    content: Content,
+    /// Seed of its scenario, also of the recording that sizes the effects.
     seed: u64,
 }
 
@@ -95,12 +100,12 @@ pub fn run(arguments: &Arguments) -> Result {
         run
     });
     eprintln!();
-    let mut cells: BTreeMap<(usize, usize, Kind), [usize; 2]> = BTreeMap::new();
+    let mut cells: BTreeMap<(usize, usize, Content), [usize; 2]> = BTreeMap::new();
     for (trial, run) in trials.iter().zip(runs) {
         let name = trial.name();
         let run = run.map_err(|error| format!("{name}: {error}"))?;
-        let is_right = is_right(&run, trial.kind);
-        let counts = cells.entry((trial.motion, trial.reference, trial.kind)).or_default();
+        let is_right = is_right(&run, trial.content);
+        let counts = cells.entry((trial.motion, trial.reference, trial.content)).or_default();
         counts[0] += usize::from(is_right);
         counts[1] += 1;
         if arguments.misses && !is_right {
@@ -117,14 +122,14 @@ fn trials(arguments: &Arguments) -> Vec<Trial> {
     let mut trials = Vec::new();
     for motion in 0..MOTIONS.len() {
         for reference in 0..REFERENCES.len() {
-            for (kind, part) in PARTS {
+            for (content, part) in PARTS {
                 let count = (part * arguments.runs).div_ceil(whole);
                 let is_asked = arguments.cell.as_ref().is_none_or(|cell| *cell == format!("{motion},{reference}"))
-                    && arguments.only.as_ref().is_none_or(|only| *only == kind.name());
+                    && arguments.only.as_ref().is_none_or(|only| *only == content.name());
                 for index in (0..count).filter(|_| is_asked) {
-                    let of_kind = PARTS.iter().position(|(other, _)| *other == kind).unwrap_or(0);
-                    let place = ((motion * 4 + reference) * PARTS.len() + of_kind) * 1000 + index;
-                    trials.push(Trial { motion, reference, kind, seed: (arguments.seed << 20) + place as u64 });
+                    let of_content = PARTS.iter().position(|(other, _)| *other == content).unwrap_or(0);
+                    let place = ((motion * 4 + reference) * PARTS.len() + of_content) * 1000 + index;
+                    trials.push(Trial { motion, reference, content, seed: (arguments.seed << 20) + place as u64 });
                 }
             }
         }
@@ -132,19 +137,19 @@ fn trials(arguments: &Arguments) -> Vec<Trial> {
     trials
 }
 
-/// Nothing: consistent. Effects: each right or in its group, and no other. Outside the catalogue: no name of the catalogue.
-fn is_right(run: &TrialRun, kind: Kind) -> bool {
-    match kind {
-        Kind::Effects(0) => run.result.verdict == Verdict::Consistent && run.result.missing.is_empty(),
-        Kind::Effects(count) => run.injected.len() == count && run.score.is_right(&run.injected, &run.result),
-        Kind::Outside => !run.is_wrong(),
+/// True for `consistent` without effects; each effect right or in its group, and no other; no name of the catalogue outside it.
+fn is_right(run: &TrialRun, content: Content) -> bool {
+    match content {
+        Content::Effects(0) => run.result.verdict == Verdict::Consistent && run.result.missing.is_empty(),
+        Content::Effects(count) => run.injected.len() == count && run.score.is_right(&run.injected, &run.result),
+        Content::Outside => !run.is_wrong(),
     }
 }
 
 impl Trial {
     fn name(&self) -> String {
-        let Trial { motion, reference, kind, seed } = self;
-        format!("{}, {}, {}, seed {seed}", MOTIONS[*motion].0, REFERENCES[*reference].0, kind.name())
+        let Trial { motion, reference, content, seed } = self;
+        format!("{}, {}, {}, seed {seed}", MOTIONS[*motion].0, REFERENCES[*reference].0, content.name())
     }
 
     fn run(&self) -> Result<TrialRun> {
@@ -153,9 +158,9 @@ impl Trial {
         let motion = TrialMotion::of_recording(nominal.clone(), &rows, &reference)?;
         let mut generator = TrialGenerator::new(&motion, self.seed, 0);
         // The independent model does not have every time course of every effect.
-        let mut draw = || match self.kind {
-            Kind::Effects(count) => generator.amplitudes(count, STRENGTH),
-            Kind::Outside => generator.unknown(STRENGTH).into_iter().collect(),
+        let mut draw = || match self.content {
+            Content::Effects(count) => generator.amplitudes(count, STRENGTH),
+            Content::Outside => generator.unknown(STRENGTH).into_iter().collect(),
         };
         let injected = std::iter::repeat_with(&mut draw)
             .find(|injected| injected.iter().all(|own| planted(own).is_known()))
@@ -215,20 +220,20 @@ impl Sink for Rows {
 }
 
 /// Right of all, by cell and content, in Markdown.
-fn print(cells: &BTreeMap<(usize, usize, Kind), [usize; 2]>) {
-    let kinds = PARTS.map(|(kind, _)| kind);
-    println!("| motion | reference | {} |", kinds.map(Kind::name).join(" | "));
-    println!("|---|---|{}", "---|".repeat(kinds.len()));
-    let share = |is: &dyn Fn(&(usize, usize, Kind)) -> bool| {
+fn print(cells: &BTreeMap<(usize, usize, Content), [usize; 2]>) {
+    let contents = PARTS.map(|(content, _)| content);
+    println!("| motion | reference | {} |", contents.map(Content::name).join(" | "));
+    println!("|---|---|{}", "---|".repeat(contents.len()));
+    let share = |is: &dyn Fn(&(usize, usize, Content)) -> bool| {
         let of_cells = cells.iter().filter(|(cell, _)| is(cell));
         let [right, all] = of_cells.fold([0, 0], |sum, (_, counts)| [sum[0] + counts[0], sum[1] + counts[1]]);
         format!("{right}/{all}")
     };
     for (motion, (motion_name, _)) in MOTIONS.iter().enumerate() {
         for (reference, (reference_name, _)) in REFERENCES.iter().enumerate() {
-            let of_kind = |kind| share(&|cell| *cell == (motion, reference, kind));
-            println!("| {motion_name} | {reference_name} | {} |", kinds.map(of_kind).join(" | "));
+            let of_content = |content| share(&|cell| *cell == (motion, reference, content));
+            println!("| {motion_name} | {reference_name} | {} |", contents.map(of_content).join(" | "));
         }
     }
-    println!("| all | all | {} |", kinds.map(|kind| share(&|cell| cell.2 == kind)).join(" | "));
+    println!("| all | all | {} |", contents.map(|content| share(&|cell| cell.2 == content)).join(" | "));
 }
