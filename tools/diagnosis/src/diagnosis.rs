@@ -35,7 +35,7 @@ const FORMULA_MARGIN: f64 = 10.0;
 const CHANGED_CHI2: f64 = 13.8;
 /// Version of the search beside the model's lists. It changes with grids, families and null recordings, so that stored thresholds never
 /// apply to another search.
-const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 14");
+const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 15");
 
 /// Options of [`diagnose_rows`].
 pub struct DiagnosisOptions<'a> {
@@ -84,7 +84,7 @@ pub fn diagnose_rows(
     let mut fitted = start.clone();
     case.fit(&mut fitted);
     let path = case.run(&fitted);
-    case.rounding = Arc::new(rounding(&path));
+    case.rounding = Arc::new(rounding(&measured, &path));
     let noise = noise::configured(nominal, &measured, &case.rounding, &measured.residual(&path));
     let start = case.start(noise);
     let correlation = correlation_with_motion(&measured, &path);

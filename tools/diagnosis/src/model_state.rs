@@ -81,7 +81,7 @@ impl<'a> DiagnosisCase<'a> {
         let mut lag = measured.difference(&measured.run(nominal, Shifts { lag_s: LAG_S, ..Shifts::default() }), &from);
         lag.iter_mut().flatten().for_each(|value| *value /= LAG_S);
         nuisances.push(std::array::from_fn(|channel| (channel != TIMING).then(|| std::mem::take(&mut lag[channel]))));
-        DiagnosisCase { measured, nominal, nuisances, rounding: Arc::new(rounding(&from)) }
+        DiagnosisCase { measured, nominal, nuisances, rounding: Arc::new(rounding(measured, &from)) }
     }
 
     /// The configuration with another recording of the same motion, and only the calibration parameters as nuisances.

@@ -204,8 +204,14 @@ fn draw(case: &DiagnosisCase, model: &Series, noise: &[NoiseModel; CHANNELS], se
         let additional = own.white.sqrt();
         let axis = Axes::of(Gyro::ALL[channel]).input_control.iter().position(|share| *share != 0.0).unwrap_or(0);
         let mut of_reference = NoiseStream::of_sensor(seed, ["null X", "null Y", "null Z"][axis]);
+        // So is that of its walk.
+        let mut of_turns = NoiseStream::of_sensor(seed, "null turns");
+        let turns = measured.smoothed.as_ref().map(|smoothed| &smoothed.walk[channel]);
         let mut of_block = |block: usize| {
             let mut sum = 0.0;
+            if let Some(turns) = turns {
+                walk += turns[block].map(|sigma| sigma * of_turns.standard_normal()).sum();
+            }
             for node in nodes(block) {
                 rate += own.rate_walk * root_s * stream.standard_normal();
                 walk += rate * SAMPLE_INTERVAL_S + own.angle_walk * root_s * stream.standard_normal();

@@ -27,21 +27,32 @@ pub struct BlockRounding {
     pub correlation: f64,
     /// Variance of the second difference of this block and the two before, counts².
     pub second_difference: f64,
+    /// Growth of the angle's variance over the block by the noise of a smoothed reference, counts².
+    pub reference_walk: f64,
 }
 
 impl BlockRounding {
     /// No rounding.
-    pub const NONE: BlockRounding = BlockRounding { variance: 0.0, correlation: 0.0, second_difference: 0.0 };
+    pub const NONE: BlockRounding =
+        BlockRounding { variance: 0.0, correlation: 0.0, second_difference: 0.0, reference_walk: 0.0 };
 }
 
 /// Statistics of each block of each channel.
 pub type Rounding = [Vec<BlockRounding>; CHANNELS];
 
 /// The rounding along the accumulated counts of a model; none in the channel of the times.
-pub fn rounding(model: &Series) -> Rounding {
+pub fn rounding(measured: &MeasuredData, model: &Series) -> Rounding {
     std::array::from_fn(|channel| {
         let blocks = (model[channel].len() - 1) / BLOCK;
-        if channel == TIMING { vec![BlockRounding::NONE; blocks] } else { of_channel(&model[channel], blocks) }
+        if channel == TIMING {
+            return vec![BlockRounding::NONE; blocks];
+        }
+        let mut rounding = of_channel(&model[channel], blocks);
+        if let Some(smoothed) = &measured.smoothed {
+            let walk = rounding.iter_mut().zip(&smoothed.walk[channel]);
+            walk.for_each(|(block, walk)| block.reference_walk = walk.norm_squared());
+        }
+        rounding
     })
 }
 
@@ -60,6 +71,7 @@ fn of_channel(angles: &[f64], blocks: usize) -> Vec<BlockRounding> {
             variance,
             correlation: if scale > 0.0 { product / scale } else { 0.0 },
             second_difference: mean(&|phase| (errors[phase] - 2.0 * last[phase] + second[phase]).powi(2)),
+            reference_walk: 0.0,
         }
     };
     (0..blocks).map(of_block).collect()

@@ -46,7 +46,7 @@ pub struct Whitening {
 impl Whitening {
     /// The filter of this noise over these blocks with this rounding.
     pub fn new(noise: &NoiseModel, blocks: &[Block], rounding: &[BlockRounding]) -> Whitening {
-        let (angle, drift, t) = (noise.angle_walk.powi(2) * BLOCK_S, noise.rate_walk.powi(2), BLOCK_S);
+        let (drift, t) = (noise.rate_walk.powi(2), BLOCK_S);
         let mean_s = MEAN * t;
         // Covariances of angle, rate and rounding error. At the start the angle is free, since a common time shift changes the angle
         // before. The initial rate is a calibration parameter, not noise.
@@ -55,6 +55,7 @@ impl Whitening {
         let (mut anew, mut log_determinant) = (true, 0.0);
         let step = |(number, block): (usize, &Block)| {
             let own = rounding[number];
+            let angle = noise.angle_walk.powi(2) * BLOCK_S + own.reference_walk;
             anew |= block.restarts;
             // Of the average with itself, and with angle, rate and rounding error at the block's end.
             let with_rate = ad + mean_s * dd + de;

@@ -1,17 +1,20 @@
 //! The motion between the rows of a reference that is noisy or slow, from the gyros themselves.
 //!
 //! Effects that depend on a rate need the motion within a sample, and a star tracker does not show it: 3″ of noise each second are a
-//! rate of 4″/s. The gyros' increments show it; the reference minus their rotation changes slowly and is smoothed. The residual is still
-//! that against the rows: in each block, their departure from the smoothed motion is subtracted again.
+//! rate of 4″/s. The gyros' increments show it. The attitude of the reference relative to that of the gyros changes slowly in inertial
+//! space, where it is smoothed. The residual is still that against the rows: in each block, their departure from the smoothed motion is
+//! subtracted again.
+//!
+//! A turn carries the noise of the smoothed attitude from axis to axis, so that the accumulated angles walk: `walk`.
 
 use geu_calibration::AccumulatedCounts;
 use geu_calibration::transfer::misalignment_matrix;
 use geu_model::Configuration;
 use geu_model::attitude::{AttitudeRow, RecordedAttitude};
-use geu_model::units::SAMPLE_INTERVAL_S;
-use nalgebra::{Matrix3x4, Matrix4x3, Vector3, Vector4};
+use geu_model::units::{ARCSEC_PER_RAD, SAMPLE_INTERVAL_S};
+use nalgebra::{Matrix3x4, Matrix4x3, UnitQuaternion, Vector3, Vector4};
 
-use super::{TIMING, median, nodes};
+use super::{BLOCK_S, TIMING, median, nodes};
 
 /// Spacing of rows up to which an exact reference is used as it is.
 const MAX_SPACING_S: f64 = 1.2 * SAMPLE_INTERVAL_S;
@@ -37,18 +40,32 @@ pub struct SmoothedReference {
     pub motion: RecordedAttitude,
     /// Mean departure of the rows within each block, counts of each gyro; `None` for a block without rows.
     pub departure: Vec<Option<[f64; TIMING]>>,
+    /// Growth of the accumulated angle of each gyro over a block by the noise of the reference: 1 sigma by that about each axis, counts.
+    pub walk: [Vec<Vector3<f64>>; TIMING],
     /// 1 sigma of a row about each axis.
-    pub sigma_arcsec: [f64; 3],
+    pub sigma_arcsec: Vector3<f64>,
     /// Times of the rows that are left out.
     pub glitches_s: Vec<f64>,
 }
 
-/// A row of the reference: time, and rotation beyond that of the gyros.
+/// A row of the reference.
 struct Row {
     t_s: f64,
-    difference: [f64; 3],
-    smooth: [f64; 3],
+    /// Attitude by the gyros.
+    attitude: UnitQuaternion<f64>,
+    /// Turn since the row before relative to that by the gyros, about control axes.
+    beyond_arcsec: Vector3<f64>,
+    /// Attitude relative to that by the gyros, about inertial axes.
+    relative_arcsec: Vector3<f64>,
+    smooth_arcsec: Vector3<f64>,
     is_used: bool,
+}
+
+impl Row {
+    /// Departure from the smoothed motion, about control axes.
+    fn departure(&self) -> Vector3<f64> {
+        self.attitude.inverse() * (self.relative_arcsec - self.smooth_arcsec)
+    }
 }
 
 impl SmoothedReference {
@@ -62,59 +79,120 @@ impl SmoothedReference {
         let calibrations = nominal.gyros.each_ref().map(|gyro| gyro.calibration);
         let matrix = misalignment_matrix(&calibrations);
         let turned = rotation(counts, reference, &matrix, nominal);
-        let gyros = recorded(&counts.node_s, &turned, reference)?;
-        let (first_s, last_s) = (gyros.start_s(), gyros.end_s());
-        let mut near = 0;
-        let mut rows: Vec<Row> = reference
-            .rows()
-            .filter(|(t_s, _)| (first_s..=last_s).contains(t_s))
-            .map(|(t_s, angle)| {
-                let own = gyros.at(t_s, &mut near).0;
-                let difference = std::array::from_fn(|axis| angle[axis] - own[axis]);
-                Row { t_s, difference, smooth: [0.0; 3], is_used: true }
-            })
-            .collect();
-        let sigma_arcsec = std::array::from_fn(|axis| second_difference_sigma(&rows, axis));
+        let turned: Vec<Vector3<f64>> = (0..turned.len()).map(|node| cubic(&turned, node)).collect();
+        let attitudes = attitudes(&turned);
+        let mut rows = rows(counts, &turned, &attitudes, reference)?;
+        let sigma_arcsec = Vector3::from_fn(|axis, _| second_difference_sigma(&rows, axis));
         let mut spacings: Vec<f64> = rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
-        let is_exact = sigma_arcsec.iter().all(|sigma| *sigma < EXACT_ARCSEC) && median(&mut spacings) <= MAX_SPACING_S;
-        if is_exact || rows.len() <= 2 * REACH_ROWS {
+        let spacing_s = median(&mut spacings);
+        if sigma_arcsec.max() < EXACT_ARCSEC && spacing_s <= MAX_SPACING_S || rows.len() <= 2 * REACH_ROWS {
             return None;
         }
         smooth(&mut rows);
         let limits: [f64; 3] = std::array::from_fn(|axis| {
-            let mut sizes: Vec<f64> = rows.iter().map(|row| (row.difference[axis] - row.smooth[axis]).abs()).collect();
+            let mut sizes: Vec<f64> = rows.iter().map(|row| row.departure()[axis].abs()).collect();
             GLITCH_SIGMAS * (median(&mut sizes) / MEDIAN_OF_NORMAL).max(EXACT_ARCSEC)
         });
         for row in &mut rows {
-            row.is_used = (0..3).all(|axis| (row.difference[axis] - row.smooth[axis]).abs() <= limits[axis]);
+            let departure = row.departure();
+            row.is_used = (0..3).all(|axis| departure[axis].abs() <= limits[axis]);
         }
         smooth(&mut rows);
         let mut place = 0;
-        let added = |t_s: f64| -> [f64; 3] {
+        let relative = |t_s: f64| {
             while place + 2 < rows.len() && rows[place + 1].t_s < t_s {
                 place += 1;
             }
             let (from, to) = (&rows[place], &rows[place + 1]);
             let share = ((t_s - from.t_s) / (to.t_s - from.t_s)).clamp(0.0, 1.0);
-            std::array::from_fn(|axis| from.smooth[axis] + share * (to.smooth[axis] - from.smooth[axis]))
+            from.smooth_arcsec.lerp(&to.smooth_arcsec, share)
         };
-        let angles: Vec<[f64; 3]> = counts.node_s.iter().copied().map(added).collect();
-        let angles: Vec<[f64; 3]> = angles
-            .iter()
-            .enumerate()
-            .map(|(node, added)| {
-                let own = cubic(&turned, node);
-                std::array::from_fn(|axis| own[axis] + added[axis])
-            })
-            .collect();
+        let relative: Vec<Vector3<f64>> = counts.node_s.iter().copied().map(relative).collect();
+        let smoothed = attitudes.iter().zip(relative).map(|(gyros, relative)| turn(relative) * gyros);
+        let angles = accumulated(smoothed);
         let scale_factors = calibrations.map(|calibration| calibration.scale_factor);
         Some(SmoothedReference {
             motion: recorded(&counts.node_s, &angles, reference)?,
             departure: departures(&rows, &counts.node_s, blocks, &matrix, scale_factors),
+            walk: walk(&angles, blocks, &matrix, scale_factors, sigma_arcsec * (spacing_s / BLOCK_S).sqrt()),
             sigma_arcsec,
             glitches_s: rows.iter().filter(|row| !row.is_used).map(|row| row.t_s).collect(),
         })
     }
+}
+
+/// The turn by a rotation vector.
+fn turn(arcsec: Vector3<f64>) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_scaled_axis(arcsec / ARCSEC_PER_RAD)
+}
+
+/// Attitudes, control frame to inertial, from accumulated angles; the first is the origin.
+fn attitudes(angles: &[Vector3<f64>]) -> Vec<UnitQuaternion<f64>> {
+    let mut attitude = UnitQuaternion::identity();
+    let of_node = |node: usize| {
+        attitude *= turn(angles[node] - angles[node.saturating_sub(1)]);
+        attitude
+    };
+    (0..angles.len()).map(of_node).collect()
+}
+
+/// Accumulated angles about the control axes from attitudes.
+fn accumulated(attitudes: impl Iterator<Item = UnitQuaternion<f64>>) -> Vec<Vector3<f64>> {
+    let (mut sum, mut before) = (Vector3::zeros(), None);
+    let of_node = |attitude: UnitQuaternion<f64>| {
+        let last = before.replace(attitude).unwrap_or(attitude);
+        sum += (last.inverse() * attitude).scaled_axis() * ARCSEC_PER_RAD;
+        sum
+    };
+    attitudes.map(of_node).collect()
+}
+
+/// Rows of the reference within the counts, relative to the attitude by the gyros, which equals that of the first row.
+fn rows(
+    counts: &AccumulatedCounts,
+    turned: &[Vector3<f64>],
+    attitudes: &[UnitQuaternion<f64>],
+    reference: &RecordedAttitude,
+) -> Option<Vec<Row>> {
+    let gyros = recorded(&counts.node_s, turned, reference)?;
+    let (first_s, last_s) = (gyros.start_s(), gyros.end_s());
+    let (mut near, mut before) = (0, None);
+    let within = reference.rows().filter(|(t_s, _)| (first_s..=last_s).contains(t_s));
+    let row = |(t_s, angle): (f64, [f64; 3])| {
+        let angle = Vector3::from(angle);
+        let node = counts.node_s.partition_point(|node_s| *node_s <= t_s).saturating_sub(1);
+        let since = Vector3::from(gyros.at(t_s, &mut near).0) + turned[0] - turned[node];
+        let attitude = attitudes[node] * turn(since);
+        let (angle_before, gyros_before, absolute_before) = before.unwrap_or((angle, attitude, attitude));
+        let turned = turn(angle - angle_before);
+        let beyond = attitude.inverse() * gyros_before * turned;
+        let absolute = absolute_before * turned;
+        before = Some((angle, attitude, absolute));
+        let [beyond_arcsec, relative_arcsec] =
+            [beyond, absolute * attitude.inverse()].map(|turn| turn.scaled_axis() * ARCSEC_PER_RAD);
+        Row { t_s, attitude, beyond_arcsec, relative_arcsec, smooth_arcsec: Vector3::zeros(), is_used: true }
+    };
+    Some(within.map(row).collect())
+}
+
+/// Growth of each gyro's angle over each block by noise of the attitude of which the sigma about each axis is `sigma_arcsec`, averaged
+/// over a block: the noise times the turn, without the part about the gyro's own axis.
+fn walk(
+    angles: &[Vector3<f64>],
+    blocks: usize,
+    matrix: &Matrix4x3<f64>,
+    scale_factors: [f64; TIMING],
+    sigma_arcsec: Vector3<f64>,
+) -> [Vec<Vector3<f64>>; TIMING] {
+    std::array::from_fn(|gyro| {
+        let axis = matrix.row(gyro).transpose();
+        let of_block = |block: usize| {
+            let nodes = nodes(block);
+            let turn_rad = (angles[nodes.end - 1] - angles[nodes.start - 1]) / ARCSEC_PER_RAD;
+            axis.cross(&turn_rad).component_mul(&sigma_arcsec) / scale_factors[gyro]
+        };
+        (0..blocks).map(of_block).collect()
+    })
 }
 
 /// Accumulated rotation about the control axes by the calibration as given; broken gyros sense that of the reference if the others do not
@@ -124,7 +202,7 @@ fn rotation(
     reference: &RecordedAttitude,
     matrix: &Matrix4x3<f64>,
     nominal: &Configuration,
-) -> Vec<[f64; 3]> {
+) -> Vec<Vector3<f64>> {
     let mut is_broken = vec![[false; TIMING]; counts.node_s.len()];
     for found in &counts.breaks {
         for node in is_broken.iter_mut().take(found.to + 1).skip(found.from + 1) {
@@ -132,11 +210,12 @@ fn rotation(
         }
     }
     let all = inverse(matrix, [false; TIMING]);
-    let (mut near, mut sum, mut before) = (0, [0.0; 3], reference.at(counts.node_s[0], &mut 0).0);
+    let (mut near, mut sum) = (0, Vector3::zeros());
+    let mut before = Vector3::from(reference.at(counts.node_s[0], &mut near).0);
     let mut of_node = |node: usize| {
-        let now = reference.at(counts.node_s[node], &mut near).0;
+        let now = Vector3::from(reference.at(counts.node_s[node], &mut near).0);
         if node > 0 {
-            let moved = Vector3::from_fn(|axis, _| now[axis] - before[axis]);
+            let moved = now - before;
             let without = if is_broken[node] == [false; TIMING] { all } else { inverse(matrix, is_broken[node]) };
             let sensed = Vector4::from_fn(|gyro, _| {
                 if is_broken[node][gyro] && without.is_none() {
@@ -146,8 +225,7 @@ fn rotation(
                 let increment = counts.accumulated[gyro][node] - counts.accumulated[gyro][node - 1];
                 increment * calibration.scale_factor + calibration.drift_arcsec_per_half_s
             });
-            let rotation = without.or(all).map_or(moved, |inverse| inverse * sensed);
-            (0..3).for_each(|axis| sum[axis] += rotation[axis]);
+            sum += without.or(all).map_or(moved, |inverse| inverse * sensed);
         }
         before = now;
         sum
@@ -166,14 +244,14 @@ fn inverse(matrix: &Matrix4x3<f64>, is_broken: [bool; TIMING]) -> Option<Matrix3
 }
 
 /// A motion with these accumulated angles at the nodes, and θ and ψ of the reference.
-fn recorded(node_s: &[f64], angles: &[[f64; 3]], reference: &RecordedAttitude) -> Option<RecordedAttitude> {
+fn recorded(node_s: &[f64], angles: &[Vector3<f64>], reference: &RecordedAttitude) -> Option<RecordedAttitude> {
     let mut near = 0;
     let row = |node: usize| {
         let before = angles[node.saturating_sub(1)];
         let moment = reference.knows_sun().then(|| reference.at(node_s[node], &mut near).1);
         AttitudeRow {
             t_s: node_s[node],
-            angle_control_arcsec: std::array::from_fn(|axis| angles[node][axis] - before[axis]),
+            angle_control_arcsec: (angles[node] - before).into(),
             theta_psi_rad: moment.map(|moment| (moment.theta_rad, moment.psi_rad)),
         }
     };
@@ -181,50 +259,45 @@ fn recorded(node_s: &[f64], angles: &[[f64; 3]], reference: &RecordedAttitude) -
     RecordedAttitude::new(&rows).ok()
 }
 
-/// Sigma of a row from the median of the second differences.
+/// Sigma of a row about a control axis from the median of the second differences.
 fn second_difference_sigma(rows: &[Row], axis: usize) -> f64 {
-    let difference =
-        |three: &[Row]| three[0].difference[axis] - 2.0 * three[1].difference[axis] + three[2].difference[axis];
-    let mut sizes: Vec<f64> = rows.windows(3).map(|three| difference(three).abs()).collect();
+    let steps = rows.get(1..).unwrap_or_default();
+    let difference = |pair: &[Row]| (pair[1].beyond_arcsec[axis] - pair[0].beyond_arcsec[axis]).abs();
+    let mut sizes: Vec<f64> = steps.windows(2).map(difference).collect();
     median(&mut sizes) / MEDIAN_OF_NORMAL / 6f64.sqrt()
 }
 
-/// Smooths the difference by a straight line through the neighbours of each row.
+/// Smooths the relative attitude by a straight line through the neighbours of each row.
 fn smooth(rows: &mut [Row]) {
-    let line = |own: usize| -> [f64; 3] {
+    let line = |own: usize| -> Vector3<f64> {
         let at_s = rows[own].t_s;
         let from = rows.partition_point(|row| row.t_s < at_s - REACH_S).min(own.saturating_sub(REACH_ROWS));
         let to = rows.partition_point(|row| row.t_s <= at_s + REACH_S).max(own + 1 + REACH_ROWS).min(rows.len());
         let mut sums = [0.0; 3];
-        let mut moments = [[0.0; 2]; 3];
+        let (mut value, mut slope) = (Vector3::zeros(), Vector3::zeros());
         for row in rows[from..to].iter().filter(|row| row.is_used) {
             let t = row.t_s - at_s;
             sums.iter_mut().zip([1.0, t, t * t]).for_each(|(sum, value)| *sum += value);
-            for (moment, value) in moments.iter_mut().zip(row.difference) {
-                (moment[0], moment[1]) = (moment[0] + value, moment[1] + value * t);
-            }
+            value += row.relative_arcsec;
+            slope += row.relative_arcsec * t;
         }
         let determinant = sums[0] * sums[2] - sums[1] * sums[1];
-        moments.map(|[value, slope]| match determinant > 0.0 {
-            true => (sums[2] * value - sums[1] * slope) / determinant,
-            false => value / sums[0].max(1.0),
-        })
+        match determinant > 0.0 {
+            true => (value * sums[2] - slope * sums[1]) / determinant,
+            false => value / f64::max(sums[0], 1.0),
+        }
     };
-    let smooth: Vec<[f64; 3]> = (0..rows.len()).map(line).collect();
-    rows.iter_mut().zip(smooth).for_each(|(row, smooth)| row.smooth = smooth);
+    let smooth: Vec<Vector3<f64>> = (0..rows.len()).map(line).collect();
+    rows.iter_mut().zip(smooth).for_each(|(row, smooth)| row.smooth_arcsec = smooth);
 }
 
 /// The angle at a node by the cubic through its neighbours; at the ends as it is.
-fn cubic(angles: &[[f64; 3]], node: usize) -> [f64; 3] {
+fn cubic(angles: &[Vector3<f64>], node: usize) -> Vector3<f64> {
     let reach = CUBIC.len() / 2;
-    let Some(near) = node.checked_sub(reach).and_then(|from| angles.get(from..=node + reach)) else {
-        return angles[node];
-    };
+    let own = angles[node];
+    let Some(near) = node.checked_sub(reach).and_then(|from| angles.get(from..=node + reach)) else { return own };
     // Relative to the node, where the sum loses no digits.
-    std::array::from_fn(|axis| {
-        let own = angles[node][axis];
-        own + near.iter().zip(CUBIC).map(|(angle, weight)| weight * (angle[axis] - own)).sum::<f64>()
-    })
+    own + near.iter().zip(CUBIC).map(|(angle, weight)| (angle - own) * weight).sum::<Vector3<f64>>()
 }
 
 /// Mean departure of the used rows of each block from the smoothed difference, in counts.
@@ -241,8 +314,7 @@ fn departures(
         let from = rows.partition_point(|row| row.t_s <= from_s);
         let to = rows.partition_point(|row| row.t_s <= to_s);
         let own = || rows[from..to].iter().filter(|row| row.is_used);
-        let departure = |row: &Row| Vector3::from_fn(|axis, _| row.difference[axis] - row.smooth[axis]);
-        let mean = own().map(departure).sum::<Vector3<f64>>() / own().count() as f64;
+        let mean = own().map(Row::departure).sum::<Vector3<f64>>() / own().count() as f64;
         let sensed = matrix * mean;
         (own().count() > 0).then(|| std::array::from_fn(|gyro| sensed[gyro] / scale_factors[gyro]))
     };
