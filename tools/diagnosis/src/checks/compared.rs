@@ -2,6 +2,7 @@
 
 use geu_calibration::transfer::misalignment_matrix;
 use geu_model::Configuration;
+use geu_model::attitude::RecordedAttitude;
 use geu_model::effect::WiringEffects;
 use geu_protocol::Gyro;
 use geu_protocol::continuity::SequenceStep;
@@ -11,11 +12,16 @@ use nalgebra::Vector3;
 
 use super::findings::FindingCollector;
 use super::timeline::SampleTimes;
+use crate::measured::median;
 
 /// Tolerance between time stamps and the ends of a reference, s.
 const TOLERANCE_S: f64 = 0.02;
 /// Samples at the ends of a recording that may be outside of the reference without a finding.
 const MAX_UNCOVERED: usize = 2;
+/// Spacing of rows above which the motion between them is known only if it is steady, s: less is no longer than a few samples.
+const SLOW_S: f64 = 2.0;
+/// Largest change of the mean rate from row to row of a steady motion, arcsec/s: ordinary errors of a count are as large.
+const STEADY_ARCSEC_S: f64 = 16.0;
 /// Limit of the counts, relative to the largest predicted count and absolute. Counts above it do not come from wiring if few.
 const OUTLIER: f64 = 2.0;
 const OUTLIER_COUNTS: f64 = 100.0;
@@ -76,6 +82,12 @@ impl CountComparison {
         let calibrations = configuration.gyros.each_ref().map(|gyro| gyro.calibration);
         let matrix = misalignment_matrix(&calibrations);
         let electronics = timeline.electronics(rows, configuration);
+        let unsteady = unsteady(&reference.truth);
+        let is_known = |row: usize| {
+            let sample = [timeline.start_s(row), timeline.end_s[row]].map(|t_s| t_s + offset_s);
+            let next = unsteady.partition_point(|interval| interval[1] <= sample[0]);
+            unsteady.get(next).is_none_or(|interval| interval[0] >= sample[1])
+        };
         let mut near = 0;
         let mut angle = |t_s: f64| Vector3::from(reference.truth.at(t_s + offset_s, &mut near).0);
         let samples = (0..rows.len()).filter(|&row| timeline.steps[row] != SequenceStep::Repeat).map(|row| {
@@ -93,7 +105,7 @@ impl CountComparison {
                 measured: sample.increments.map(f64::from),
                 is_used: Gyro::ALL.map(|gyro| {
                     let (valid, saturated) = (gyro.bit(), gyro.bit() << 4);
-                    covers(row) && !is_test && sample.gyro_flags & (valid | saturated) == valid
+                    covers(row) && is_known(row) && !is_test && sample.gyro_flags & (valid | saturated) == valid
                 }),
                 wiring: configuration.gyros.each_ref().map(|gyro| gyro.wiring.at(&interval)),
             }
@@ -120,4 +132,16 @@ impl CountComparison {
             }
         }
     }
+}
+
+/// Intervals in which the motion is not known, in order of time: those beside a row of a slow reference at which the mean rate changes.
+fn unsteady(reference: &RecordedAttitude) -> Vec<[f64; 2]> {
+    let rows: Vec<(f64, Vector3<f64>)> = reference.rows().map(|(t_s, angle)| (t_s, angle.into())).collect();
+    let mut spacings: Vec<f64> = rows.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
+    if median(&mut spacings) <= SLOW_S {
+        return Vec::new();
+    }
+    let rate = |pair: &[(f64, Vector3<f64>)]| (pair[1].1 - pair[0].1) / (pair[1].0 - pair[0].0);
+    let changes = rows.windows(3).filter(|three| (rate(&three[1..]) - rate(three)).amax() > STEADY_ARCSEC_S);
+    changes.map(|three| [three[0].0, three[2].0]).collect()
 }
