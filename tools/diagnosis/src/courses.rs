@@ -148,14 +148,10 @@ impl Courses {
     pub fn variations(&self, kind: usize, mode: Mode) -> Vec<Variation> {
         let has = |role: Role| COURSES[kind].shapes.iter().any(|number| number.role == role);
         let (settles, ends) = (has(Role::TimeConstant), has(Role::Duration));
-        // An immediate effect that ends is two of them.
-        if mode == Mode::Level && (settles || ends) {
-            return Vec::new();
-        }
         let onsets = match mode {
-            Mode::Rate if settles => 0..SETTLING_ONSETS,
-            Mode::Rate => 1..ONSETS,
-            Mode::Level => 1..SUDDEN_ONSETS,
+            _ if settles => 0..SETTLING_ONSETS,
+            Mode::Level if !ends => 1..SUDDEN_ONSETS,
+            _ => 1..ONSETS,
         };
         let mut all: Vec<Vec<f64>> = vec![vec![]];
         for number in COURSES[kind].shapes {

@@ -35,7 +35,7 @@ const FORMULA_MARGIN: f64 = 10.0;
 const CHANGED_CHI2: f64 = 13.8;
 /// Version of the search beside the model's lists. It changes with grids, families and null recordings, so that stored thresholds never
 /// apply to another search.
-const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 15");
+const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 16");
 
 /// Options of [`diagnose_rows`].
 pub struct DiagnosisOptions<'a> {
