@@ -1,6 +1,9 @@
 //! Noise streams: each a function of (run seed, gyro, effect), or of (run seed, sensor), so that switching one on never
 //! moves another.
 
+mod gauss_markov;
+
+pub use gauss_markov::GaussMarkov;
 use geu_protocol::Gyro;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};

@@ -11,6 +11,8 @@ pub const S_PER_H: f64 = 3600.0;
 pub const SAMPLE_INTERVAL_S: f64 = 0.5;
 /// In ns.
 pub const SAMPLE_INTERVAL_NS: i64 = 500_000_000;
+/// Full scale of the rate: 12 arcmin/s (Casteren §5).
+pub const FULL_SCALE_ARCSEC_S: f64 = 720.0;
 /// A relative error of 1 ppm.
 pub const PPM: f64 = 1e-6;
 /// Rate of the sun as seen from the earth, rad/s: 360° per 365.25 d, constant (Casteren §6).

@@ -206,7 +206,10 @@ fn every_number_is_refused_beyond_its_limits_and_taken_at_them() {
 }
 
 /// Effects that draw from a stream.
-const NOISES: [&str; 2] = ["angle-random-walk", "drift-random-walk"];
+const NOISES: [&str; 4] = ["angle-random-walk", "drift-random-walk", "scale-factor-noise", "bias-instability"];
+/// The noise that is proportional to the rate about the input axis, and the effects that change this rate or its time.
+const RATE_NOISE: &str = "scale-factor-noise";
+const CHANGE_RATE: [&str; 3] = ["misalignment", "misalignment-thermal", "time-offset"];
 
 #[test]
 fn switching_an_effect_on_moves_no_noise_of_another() {
@@ -219,7 +222,11 @@ fn switching_an_effect_on_moves_no_noise_of_another() {
     };
     // A contribution is a difference of counts, which other effects round otherwise, and a clock wrong by 1 ppm changes
     // it; another draw would differ by 10⁻³ or more.
-    let assert_same = |plain: &Configuration, changed: &Configuration, noises: &[Moved], what: &str| {
+    let assert_same = |plain: &Configuration, changed: &Configuration, noises: &[Moved], moved: [String; 2]| {
+        let [constant, what] = moved;
+        let is_same_rate =
+            |noise: &Moved| noise.code::<GyroEffects>() != RATE_NOISE || !CHANGE_RATE.contains(&&*constant);
+        let noises: Vec<Moved> = noises.iter().copied().filter(is_same_rate).collect();
         for (plain, changed) in traces(plain).zip(traces(changed)) {
             for (noise, gyro) in noises.iter().flat_map(|noise| (0..4).map(move |gyro| (noise, gyro))) {
                 let [a, b] = [&plain, &changed].map(|traces| traces[gyro].changes[HEAD_COLUMNS + noise.effect]);
@@ -227,16 +234,19 @@ fn switching_an_effect_on_moves_no_noise_of_another() {
             }
         }
     };
+    fn codes<E: Effects>(moved: Moved) -> [String; 2] {
+        [Moved { kind: None, ..moved }, moved].map(Moved::code::<E>)
+    }
     for moved in all::<GyroEffects>() {
         let others: Vec<Moved> = noises.iter().copied().filter(|noise| noise.effect != moved.effect).collect();
         let plain = added(moving(), &others);
-        assert_same(&plain, &added(plain.clone(), &[moved]), &others, &moved.code::<GyroEffects>());
+        assert_same(&plain, &added(plain.clone(), &[moved]), &others, codes::<GyroEffects>(moved));
     }
     for moved in all::<UnitEffects>() {
         let plain = added(moving(), &noises);
         let mut changed = plain.clone();
         moved.add(&mut changed.unit, 1e-3);
-        assert_same(&plain, &changed, &noises, &moved.code::<UnitEffects>());
+        assert_same(&plain, &changed, &noises, codes::<UnitEffects>(moved));
     }
 }
 
@@ -262,12 +272,15 @@ fn no_gyro_feels_what_is_switched_on_at_another() {
     }
 }
 
-/// The effect that is not linear in its amplitude, the distance of the stops: a float that does not reach them
-/// does not feel it.
-const NOT_LINEAR: &str = "pivot-clearance";
+/// The effects that are not linear in their amplitude, the distance of the stops and the width of the zone: a float that does
+/// not reach them, or a rate that is not in it, does not feel it.
+const NOT_LINEAR: [&str; 2] = ["pivot-clearance", "dead-zone"];
 /// Two effects whose product has a kink: near rest the misalignment determines the sign of the rate, and so whether the asymmetry
 /// acts at all. Halving both leaves anything from nothing to half of it.
 const KINKED: [&str; 2] = ["misalignment", "scale-factor-asymmetry"];
+
+/// The effect that is an exponential of its amplitude: of the length of a sub-step, two of it add up to no product of both.
+const LAG: &str = "sensor-lag";
 
 /// The whole of two small effects, and half of both.
 const PARTS: [f64; 2] = [1.0, 0.5];
@@ -282,12 +295,16 @@ fn small_effects_add_up_to_second_order() {
     let code =
         |(unit, moved): (bool, Moved)| if unit { moved.code::<UnitEffects>() } else { moved.code::<GyroEffects>() };
     let constant = |(unit, moved): (bool, Moved)| code((unit, Moved { kind: None, ..moved }));
-    let linear: Vec<(bool, Moved)> = heads.chain(units).filter(|moved| constant(*moved) != NOT_LINEAR).collect();
-    // A hundredth of what is accepted; of a ramp, which is per day, all in these four minutes.
+    let linear: Vec<(bool, Moved)> =
+        heads.chain(units).filter(|moved| !NOT_LINEAR.contains(&&*constant(*moved))).collect();
+    // A hundredth of what is accepted; of a ramp, which is per day, all in these four minutes. A lag of a tenth of a second is not
+    // small for a limit cycle of 5 s, and a square contains that of a misalignment's rate.
     let accumulated = |moved: &[(bool, Moved)], part: f64| {
         let mut configuration = moving();
         for (unit, moved) in moved {
-            let share = if moved.kind.is_some_and(|kind| COURSES[kind].name == "-ramp") { part } else { 0.01 * part };
+            let is_ramp = moved.kind.is_some_and(|kind| COURSES[kind].name == "-ramp");
+            let is_tenth = [LAG, "scale-factor-quadratic"].contains(&&*constant((*unit, *moved)));
+            let share = part * if is_ramp { 1.0 } else { 0.01 } * if is_tenth { 0.1 } else { 1.0 };
             if *unit {
                 moved.add(&mut configuration.unit, share);
             } else {
@@ -314,7 +331,8 @@ fn small_effects_add_up_to_second_order() {
             let tried = second.1.kind.is_none() && b <= a;
             let another_noise = codes[0] == codes[1] && NOISES.contains(&&*codes[0]);
             let kinked = codes[0] != codes[1] && codes.iter().all(|code| KINKED.contains(&&**code));
-            if tried || another_noise || kinked {
+            let one_lag = codes.iter().all(|code| code == LAG);
+            if tried || another_noise || kinked || one_lag {
                 continue;
             }
             let both = PARTS.map(|part| accumulated(&[*first, *second], part));

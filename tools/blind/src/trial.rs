@@ -197,12 +197,13 @@ impl<'a> TrialGenerator<'a> {
     fn noise(&mut self) -> Option<InjectedEffect> {
         let (gyro, factor) = (self.gyro(), self.log_between(NOISE_FACTOR));
         let configured = &self.motion.nominal.gyros[gyro as usize].effects.constant;
-        let noises: Vec<usize> = (0..GyroEffects::SPECS.len()).filter(|&index| configured.is_noise(index)).collect();
+        let value = |effect: usize| configured.numbers(effect).value(0);
+        let is_present = |effect: &usize| configured.is_noise(*effect) && value(*effect) > 0.0;
+        let noises: Vec<usize> = (0..GyroEffects::SPECS.len()).filter(is_present).collect();
         let effect = *noises.get(self.random.random_range(0..noises.len().max(1)))?;
-        let value = configured.numbers(effect).value(0);
         let amplitude = AmplitudeRef::new(ParameterRef { list: EffectList::Head, effect, number: 0 }, None);
-        let hypothesis = Hypothesis::constant(amplitude, value * factor, only(gyro as usize));
-        (value > 0.0).then(|| self.without_signature(hypothesis, Origin::Noise))
+        let hypothesis = Hypothesis::constant(amplitude, value(effect) * factor, only(gyro as usize));
+        Some(self.without_signature(hypothesis, Origin::Noise))
     }
 
     /// Draws a wiring fault of one gyro, from the start or from an onset.

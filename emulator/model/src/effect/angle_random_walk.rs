@@ -2,7 +2,7 @@
 
 use geu_protocol::Gyro;
 
-use super::{EffectInputs, EffectState, GyroEffect, GyroSubStep};
+use super::{EffectInputs, EffectState, GyroEffect, GyroSubStep, Temperatures};
 use crate::noise::NoiseStream;
 
 effect! {
@@ -36,7 +36,7 @@ impl GyroEffect for AngleRandomWalk {
     type State = State;
 
     #[inline]
-    fn begin(&self, state: &mut State, length_s: f64) {
+    fn begin(&self, state: &mut State, _temperatures: &Temperatures, length_s: f64) {
         state.rate_arcsec_s = if self.arcsec_per_sqrt_s == 0.0 {
             0.0
         } else {

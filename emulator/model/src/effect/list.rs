@@ -204,9 +204,9 @@ macro_rules! head_effects {
         impl GyroEffects {
             /// Before the first sub-step of a sample of true length `length_s`.
             #[inline]
-            pub fn begin(&self, states: &mut HeadStates, length_s: f64) {
+            pub fn begin(&self, states: &mut HeadStates, temperatures: &Temperatures, length_s: f64) {
                 let Self { $($field),* } = self;
-                $($field.begin(&mut states.$field, length_s);)*
+                $($field.begin(&mut states.$field, temperatures, length_s);)*
             }
 
             /// Lets every effect act on the head, in order.

@@ -167,7 +167,7 @@ pub trait GyroEffect: Effect {
     type State: EffectState;
     /// Called once per sample interval, before the first sub-step; `length_s` is its true length.
     #[inline]
-    fn begin(&self, _state: &mut Self::State, _length_s: f64) {}
+    fn begin(&self, _state: &mut Self::State, _temperatures: &Temperatures, _length_s: f64) {}
     /// Acts over one sub-step. The scale factor must remain positive and finite at any temperature and rate.
     fn apply(&self, state: &mut Self::State, head: &mut GyroSubStep, surroundings: &EffectInputs);
 }
@@ -248,11 +248,17 @@ head_effects! {
     output_axis_acceleration: OutputAxisAcceleration,
     anisoinertia: Anisoinertia,
     pivot_clearance: PivotClearance,
+    sensor_lag: SensorLag,
+    dead_zone: DeadZone,
     scale_factor_nonlinearity: ScaleFactorNonlinearity,
+    scale_factor_quadratic: ScaleFactorQuadratic,
+    scale_factor_noise: ScaleFactorNoise,
     angle_random_walk: AngleRandomWalk,
     drift: Drift,
     drift_sensor_temperature: DriftSensorTemperature,
+    drift_temperature_hysteresis: DriftTemperatureHysteresis,
     drift_random_walk: DriftRandomWalk,
+    bias_instability: BiasInstability,
     scale_factor: ScaleFactor,
     scale_factor_asymmetry: ScaleFactorAsymmetry,
     lost_counts: LostCounts,

@@ -3,10 +3,7 @@
 //! Over ±720″/s the departure from the best (minimax) line is a quarter of the cubic's end value: 800 ppm bend by 0.02 %.
 
 use super::{EffectInputs, GyroEffect, GyroSubStep};
-use crate::units::PPM;
-
-/// Rate at which the cubic takes `cubic_ppm` of the rate: 12 arcmin/s.
-const FULL_ARCSEC_S: f64 = 720.0;
+use crate::units::{FULL_SCALE_ARCSEC_S, PPM};
 
 effect! {
     /// A cubic term of the sensed rate.
@@ -28,7 +25,7 @@ impl GyroEffect for ScaleFactorNonlinearity {
         if self.cubic_ppm == 0.0 || length_s == 0.0 {
             return;
         }
-        let share = head.input_arcsec / length_s / FULL_ARCSEC_S;
-        head.added_arcsec -= self.cubic_ppm * PPM * FULL_ARCSEC_S * share * share * share * length_s;
+        let share = head.input_arcsec / length_s / FULL_SCALE_ARCSEC_S;
+        head.added_arcsec -= self.cubic_ppm * PPM * FULL_SCALE_ARCSEC_S * share * share * share * length_s;
     }
 }

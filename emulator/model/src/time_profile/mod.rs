@@ -54,7 +54,11 @@ impl TimeProfileSpec {
             return None;
         }
         let (min, max) = (self.limits)(number, &effect.amplitudes[amplitude]);
-        Some(Size { name: (self.key)(number.name), form: number.form, min, max })
+        let key = (self.key)(number.name);
+        // Beside a shape of the same key.
+        let is_taken = self.shapes.iter().any(|shape| shape.name == key);
+        let name = if is_taken { format!("amplitude_{key}") } else { key };
+        Some(Size { name, form: number.form, min, max })
     }
 
     /// The profile with these values of [`TimeProfileSpec::shapes`].
