@@ -229,6 +229,49 @@ fn a_run_with_live_injections_is_the_run_of_the_plan_that_they_make() {
 }
 
 #[test]
+fn effects_beyond_the_paper_are_injected_live_and_by_a_plan() {
+    // In a scan about Y, after 10 s for 30 s.
+    let scan = ["manoeuvre=[{kind='pointing', duration_s=5}, {kind='y-scan', to_theta_deg=120}]".to_owned()];
+    let scan = Configuration::reference_with(&scan).unwrap_or_else(|error| panic!("{error}"));
+    let plain = run(&scan, 200);
+    for (parameter, size) in [
+        ("scale-factor-quadratic.ppm", 5000.0),
+        ("dead-zone.arcsec_per_s", 1000.0),
+        ("sensor-lag.time_constant_s", 5.0),
+        ("scale-factor-noise.ppm_sqrt_s", 10_000.0),
+        ("bias-instability.arcsec_per_h", 3600.0),
+        ("drift-temperature-hysteresis.arcsec_per_h", 3600.0),
+    ] {
+        let text =
+            format!("id = \"live\"\ngyro = \"GYRY\"\nparameter = \"{parameter}\"\ncourse = {{ step = {size:?} }}");
+        let mut unit = GyroUnit::new(&scan);
+        let mut rows = Vec::new();
+        for index in 0..200 {
+            match index {
+                19 => assert_eq!(
+                    unit.inject(read_fault_text("live", &text, &[], &Transport::ALL).expect("valid")).at_s,
+                    10.0
+                ),
+                79 => assert_eq!(unit.clear("live"), Some(40.0)),
+                _ => {}
+            }
+            rows.push(unit.end_sample().sample);
+        }
+        let mut planned = scan.clone();
+        let plan = format!("[[fault]]\n{text}\nat_s = 10.0\nfor_s = 30.0");
+        planned.add_plan("plan", &plan).unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(run(&planned, 200), rows, "{parameter}");
+        let counted =
+            |rows: &[Sample], gyro: usize| rows.iter().map(|row| i64::from(row.increments[gyro])).sum::<i64>();
+        for (from, to, acts) in [(0, 20, false), (20, 80, true), (80, 200, false)] {
+            let [changed, others] = [1, 3].map(|gyro| counted(&rows[from..to], gyro) - counted(&plain[from..to], gyro));
+            // Afterwards nothing but the fraction of a count is left of it.
+            assert!(others == 0 && (changed.abs() > 1) == acts, "{parameter}, {from}: {changed}");
+        }
+    }
+}
+
+#[test]
 fn what_is_cleared_or_started_before_its_time_is_the_run_of_a_plan_too() {
     let plan = "[[fault]]\nid = \"later\"\ngyro = \"GYRX\"\nfault = \"dead\"\nat_s = 10.0\n\
                 [[fault]]\nid = \"hand\"\ngyro = \"GYRY\"\nfault = \"dead\"\nat_s = 10.0\nby_hand = true\nfor_s = 1.0\n\

@@ -68,3 +68,23 @@ impl GyroEffect for BiasInstability {
         head.drift_arcsec += state.arcsec_per_s * surroundings.step.length_s;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_allan_deviation_is_flat_from_10_s_to_10_000_s() {
+        let floor = (2.0 * 2f64.ln() / std::f64::consts::PI).sqrt();
+        assert!((floor - 0.664).abs() < 5e-4);
+        // Of a process of variance 1 and correlation time 1, over x.
+        let of_process = |x: f64| 2.0 / x * (1.0 - (3.0 - 4.0 * (-x).exp() + (-2.0 * x).exp()) / (2.0 * x));
+        for step in 0..=60 {
+            let tau_s = 10f64.powf(1.0 + f64::from(step) / 20.0);
+            let variance: f64 =
+                CORRELATION_TIMES_S.iter().map(|time_s| SIGMA * SIGMA * of_process(tau_s / time_s)).sum();
+            let relative = variance.sqrt() / floor;
+            assert!((relative - 1.0).abs() < 0.025, "{tau_s} s: {relative}");
+        }
+    }
+}
