@@ -173,6 +173,13 @@ pub fn freedom_of_walking_rate(count: usize, m: usize) -> f64 {
     (n - 2.0) / m * ((n - 1.0).powi(2) - 3.0 * m * (n - 1.0) + 4.0 * m * m) / (n - 3.0).powi(2)
 }
 
+/// Degrees of freedom of an overlapping Allan variance of a flickering rate over two or more intervals (Riley, NIST SP 1065,
+/// table 5).
+pub fn freedom_of_flicker_rate(count: usize, m: usize) -> f64 {
+    let (n, m) = (count as f64, m as f64);
+    5.0 * n * n / (4.0 * m * (n + 3.0 * m))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -15,6 +15,7 @@
 mod alignment;
 mod drift;
 mod estimate;
+mod further;
 mod motion;
 mod pivot;
 mod receiver;
@@ -107,6 +108,7 @@ pub fn experiments() -> impl Iterator<Item = &'static Experiment> {
         pivot::EXPERIMENTS,
         alignment::EXPERIMENTS,
         motion::EXPERIMENTS,
+        further::EXPERIMENTS,
     ]
     .into_iter()
     .flatten()

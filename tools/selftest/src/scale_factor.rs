@@ -7,12 +7,10 @@ use super::estimate::{Fit, LineFit, curvature};
 use super::receiver::{Row, between, reference_rates};
 use super::{Estimate, Experiment, claim};
 use geu_model::Configuration;
-use geu_model::units::{PPM, S_PER_DAY};
+use geu_model::units::{FULL_SCALE_ARCSEC_S, PPM, S_PER_DAY};
 
 /// Days in a month, a twelfth of 365.25.
 const DAYS_PER_MONTH: f64 = 30.4375;
-/// Largest rate of the transfer function, 12′/s (§5).
-const FULL_ARCSEC_S: f64 = 720.0;
 
 pub const EXPERIMENTS: &[Experiment] = &[
     Experiment {
@@ -102,7 +100,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             let cubes: Vec<_> = points
                 .iter()
                 .map(|(rate, departure)| {
-                    let share = rate / FULL_ARCSEC_S;
+                    let share = rate / FULL_SCALE_ARCSEC_S;
                     ([share, share * share * share], departure.value)
                 })
                 .collect();
@@ -112,8 +110,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
             let cubic = Estimate::new(cubic.value, cubic.sigma * sigma * 12f64.sqrt());
             let straight: Vec<_> = points.iter().map(|(rate, departure)| (*rate, departure.value)).collect();
             vec![
-                cubic.times(-1.0 / FULL_ARCSEC_S / PPM),
-                Estimate::new(BestLine::new(&straight).departure, sigma).times(100.0 / FULL_ARCSEC_S),
+                cubic.times(-1.0 / FULL_SCALE_ARCSEC_S / PPM),
+                Estimate::new(BestLine::new(&straight).departure, sigma).times(100.0 / FULL_SCALE_ARCSEC_S),
             ]
         },
     },
@@ -217,7 +215,7 @@ fn scale_factor_ppm(rows: &[Row], gyro: Gyro, axis: usize) -> Estimate {
 pub fn transfer_function(rows: &[Row], gyro: Gyro, axis: usize) -> Vec<(f64, Estimate)> {
     let rates: Vec<(usize, f64)> = reference_rates(rows, axis).collect();
     rates
-        .chunk_by(|a, b| (a.1 - b.1).abs() < 1e-6 * FULL_ARCSEC_S)
+        .chunk_by(|a, b| (a.1 - b.1).abs() < 1e-6 * FULL_SCALE_ARCSEC_S)
         .filter(|held| held.len() >= 240)
         .map(|held| {
             let rows = &rows[held[0].0..=held[held.len() - 1].0];

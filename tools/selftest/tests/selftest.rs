@@ -49,6 +49,12 @@ fn a_unit_that_departs_from_the_paper_is_found_out() {
         ("thermal misalignment", 1, "unit.misalignment-thermal.time_constant_s=330"),
         ("limit cycle", 0, "scenario.limit_cycle.rate_arcsec_s=4.9"),
         ("limit cycle", 1, "scenario.limit_cycle.period_s=5.01"),
+        ("quadratic scale factor", 0, "gyro.GYRY.scale-factor-quadratic.ppm=410"),
+        ("dead zone", 0, "gyro.GYRY.dead-zone.arcsec_per_s=4"),
+        ("sensor lag", 0, "gyro.GYRY.sensor-lag.time_constant_s=2.01"),
+        ("scale-factor noise", 0, "gyro.GYRX.scale-factor-noise.ppm_sqrt_s=11000"),
+        ("bias instability", 0, "gyro.GYRX.bias-instability.arcsec_per_h=1800"),
+        ("drift hysteresis", 2, "gyro.GYRX.drift-temperature-hysteresis.width_k=0.25"),
         ("stability", 0, "gyro.GYRZA.scale-factor-ramp.ppm_per_day=2000"),
     ] {
         let result = measured(name, &[departure])[claim];
