@@ -135,10 +135,13 @@ pub(crate) enum Course {
 }
 
 /// The quantities of one gyro at an instant; an effect of the unit is the same for all.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 pub(crate) struct Quantities([f64; QUANTITIES.len()]);
 
 impl Quantities {
+    /// All absent.
+    pub const ABSENT: Quantities = Quantities([0.0; QUANTITIES.len()]);
+
     pub fn add(&mut self, quantity: Quantity, value: f64) {
         self.0[quantity as usize] += value;
     }
@@ -167,6 +170,13 @@ quantities! {
     ScaleFactor: "scale-factor" "ppm",
     Nonlinearity: "scale-factor-nonlinearity" "cubic_ppm",
     Asymmetry: "scale-factor-asymmetry" "ppm",
+    Quadratic: "scale-factor-quadratic" "ppm",
+    ScaleFactorNoise: "scale-factor-noise" "ppm_sqrt_s",
+    DeadZone: "dead-zone" "arcsec_per_s",
+    SensorLag: "sensor-lag" "time_constant_s",
+    BiasInstability: "bias-instability" "arcsec_per_h",
+    Hysteresis: "drift-temperature-hysteresis" "arcsec_per_h",
+    HysteresisWidth: "drift-temperature-hysteresis" "width_k",
     ClockFrequency: "clock-frequency" "ppm",
     PivotClearance: "pivot-clearance" "clearance_arcsec",
     PivotPreferred: "pivot-clearance" "preferred_arcsec",
@@ -197,6 +207,6 @@ impl Quantity {
     /// True for a parameter with a default and without a time course.
     fn is_shape(self) -> bool {
         use Quantity::*;
-        [CorrelationTime, PivotPreferred, ThermalTime, LostCountsTime].contains(&self)
+        [CorrelationTime, HysteresisWidth, PivotPreferred, ThermalTime, LostCountsTime].contains(&self)
     }
 }

@@ -22,6 +22,12 @@ const REFERENCE_C: f64 = 20.0;
 const SENSOR_C: f64 = 70.0;
 const SENSOR_TIME_S: f64 = 1200.0;
 const ORBIT_S: f64 = 6180.0;
+/// Full scale of the quadratic and the cubic term.
+const FULL_SCALE_ARCSEC_S: f64 = 720.0;
+/// Play of the hysteresis, K.
+const HYSTERESIS_WIDTH_K: f64 = 0.2;
+/// Processes of the flicker: two a decade from 1 s to 10⁵ s, and a half beyond.
+const FLICKER_PROCESSES: usize = 12;
 
 /// The reference unit: SF, D and misalignments about X, Y and Z.
 pub const REFERENCE_UNIT: [(f64, f64, [f64; 3]); 4] = [
@@ -65,6 +71,12 @@ pub struct Unit {
     sensor_c: f64,
 }
 
+/// Deviation and correlation time of each process of a flicker of 1: their spectra add up to 1/(πf), one-sided.
+fn flicker() -> impl Iterator<Item = (f64, f64)> {
+    let sigma = (10f64.ln() / 2.0 / std::f64::consts::PI).sqrt();
+    (0..FLICKER_PROCESSES).map(move |index| (sigma, libm::pow(10.0, index as f64 / 2.0 - 0.25)))
+}
+
 /// State of one gyro.
 struct Channel {
     products: Vec<Product>,
@@ -72,6 +84,15 @@ struct Channel {
     /// Not yet sensed.
     white_arcsec: f64,
     drift_walk_arcsec_s: f64,
+    /// Noise of effects that the reference unit does not have.
+    further_noise: Noise,
+    /// Relative, over this sample interval.
+    scale_factor_error: f64,
+    flicker: [f64; FLICKER_PROCESSES],
+    /// The sensed rate, once it lags.
+    lagging_arcsec_s: Option<f64>,
+    /// Electronics temperature in the middle of the play.
+    play_c: Option<f64>,
     /// The float's angle, once it rests.
     float_arcsec: Option<f64>,
     output_rate: Option<f64>,
@@ -117,6 +138,11 @@ impl Unit {
                 noise: Noise::new(model.seed, 3 + gyro as u64),
                 white_arcsec: 0.0,
                 drift_walk_arcsec_s: 0.0,
+                further_noise: Noise::new(model.seed, 7 + gyro as u64),
+                scale_factor_error: 0.0,
+                flicker: [0.0; FLICKER_PROCESSES],
+                lagging_arcsec_s: None,
+                play_c: None,
                 float_arcsec: None,
                 output_rate: None,
                 accumulated: 0.0,
@@ -146,15 +172,17 @@ impl Unit {
         let moved_s = (to_s - from_s) / STEPS as f64;
         for (channel, own) in self.channels.iter_mut().zip(&at_start) {
             channel.walk(own, length_s);
+            channel.walk_further(own, length_s, start_s == 0.0);
         }
         for step in 0..STEPS {
             let t = start_s + (step as f64 + 0.5) * step_s;
             let quantities = self.quantities(t);
+            let electronics_c = self.electronics_c(t);
             let state = motion.at(from_s + (step as f64 + 0.5) * moved_s);
             let before = self.rates.replace(state.rates).unwrap_or(state.rates);
             let surroundings = Surroundings {
                 accelerations: std::array::from_fn(|axis| (state.rates[axis] - before[axis]) / moved_s),
-                electronics_k: self.electronics_c(t) - REFERENCE_C,
+                electronics_k: electronics_c - REFERENCE_C,
                 state: &state,
                 t,
             };
@@ -172,10 +200,12 @@ impl Unit {
                     Gyro::Za | Gyro::Zb => row[0] += thermal,
                 }
                 let calibration = self.calibrations[gyro as usize];
+                let channel = &mut self.channels[gyro as usize];
                 let drift = calibration.drift_arcsec_per_half_s / SAMPLE_INTERVAL_S
                     + own.get(Drift) / HOUR_S
-                    + own.get(DriftSensorTemperature) / HOUR_S * (self.sensor_c - SENSOR_C);
-                let channel = &mut self.channels[gyro as usize];
+                    + own.get(DriftSensorTemperature) / HOUR_S * (self.sensor_c - SENSOR_C)
+                    + own.get(Hysteresis) / HOUR_S * channel.direction(own, electronics_c)
+                    + own.get(BiasInstability) / HOUR_S * channel.flicker.iter().sum::<f64>();
                 let added: f64 = channel.products.iter().map(|product| product.rate(&surroundings)).sum();
                 let (sensed, input) = channel.sense(gyro, row, own, &state.rates, moved_s);
                 // Casteren §3.2: per on-board sample interval, in all.
@@ -209,7 +239,7 @@ impl Unit {
     }
 
     fn quantities(&self, t: f64) -> [Quantities; 4] {
-        let mut quantities = [Quantities::default(); 4];
+        let mut quantities = [Quantities::ABSENT; 4];
         let (electronics_k, electronics_k_per_h) = (self.electronics_c(t) - REFERENCE_C, self.electronics_k_per_h(t));
         for term in &self.terms {
             quantities[term.gyro as usize].add(term.quantity, term.at(t, electronics_k, electronics_k_per_h));
@@ -259,6 +289,34 @@ impl Channel {
         self.drift_walk_arcsec_s += own.get(DriftRandomWalk) * root * self.noise.normal();
     }
 
+    /// The noises of a sample that the reference unit does not have; the flicker starts in its stationary state.
+    fn walk_further(&mut self, own: &Quantities, length_s: f64, is_first: bool) {
+        self.scale_factor_error = own.get(ScaleFactorNoise) * PPM / length_s.sqrt() * self.further_noise.normal();
+        for (process, (sigma, time_s)) in self.flicker.iter_mut().zip(flicker()) {
+            let kept = if is_first { 0.0 } else { libm::exp(-length_s / time_s) };
+            *process = kept * *process + sigma * (1.0 - kept * kept).sqrt() * self.further_noise.normal();
+        }
+    }
+
+    /// Position in the play, from −1 at its cold end to 1 at the warm one, to which a rising temperature pushes.
+    fn direction(&mut self, own: &Quantities, electronics_c: f64) -> f64 {
+        let half = 0.5 * Some(own.get(HysteresisWidth)).filter(|width| *width > 0.0).unwrap_or(HYSTERESIS_WIDTH_K);
+        let middle = self.play_c.unwrap_or(electronics_c).clamp(electronics_c - half, electronics_c + half);
+        self.play_c = Some(middle);
+        (electronics_c - middle) / half
+    }
+
+    /// The sensed rate about the input axis: it lags, and is 0 in the dead zone.
+    fn sensed_rate(&mut self, own: &Quantities, input: f64, step_s: f64) -> f64 {
+        // From y' = (ω − y)/T: the sensed angle is the angle less T times what y gains.
+        let before = self.lagging_arcsec_s.unwrap_or(input);
+        let lag_s = own.get(SensorLag);
+        let after = if lag_s > 0.0 { input + (before - input) * libm::exp(-step_s / lag_s) } else { input };
+        self.lagging_arcsec_s = Some(after);
+        let lagged = if lag_s > 0.0 { input - lag_s * (after - before) / step_s } else { input };
+        if lagged.abs() < own.get(DeadZone) { 0.0 } else { lagged }
+    }
+
     /// The angle sensed in a step, and the rate about the input axis.
     fn sense(&mut self, gyro: Gyro, row: [f64; 3], own: &Quantities, rates: &[f64; 3], step_s: f64) -> (f64, f64) {
         let [x, y, z] = *rates;
@@ -271,7 +329,11 @@ impl Channel {
         };
         let off_axis: f64 = row.iter().zip(rates).map(|(element, rate)| element / ARCSEC_PER_RAD * rate).sum();
         let input = about_own + off_axis;
-        let rate = input - own.get(Nonlinearity) * PPM * 720.0 * (input / 720.0).powi(3)
+        let share = input / FULL_SCALE_ARCSEC_S;
+        let rate = self.sensed_rate(own, input, step_s)
+            - own.get(Nonlinearity) * PPM * FULL_SCALE_ARCSEC_S * share.powi(3)
+            - own.get(Quadratic) * PPM * FULL_SCALE_ARCSEC_S * share.powi(2)
+            + self.scale_factor_error * input.abs()
             + own.get(Anisoinertia) * input * spin / ARCSEC_PER_RAD
             + own.get(RateSquared) * y * y
             + own.get(RateProduct) * x * z;
