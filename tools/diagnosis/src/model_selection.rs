@@ -198,15 +198,17 @@ fn simplest(tried: Vec<Fit>) -> Option<Fit> {
     equal.min_by(|one, other| share(one).total_cmp(&share(other)))
 }
 
-/// Removes time courses that explain nearly the same as a likelier one of the same amplitude and gyros, or as the constant amplitude.
+/// Removes time courses that explain nearly the same as a likelier one of the same amplitude and gyros without more shapes, or as the
+/// constant amplitude.
 fn without_needless_courses(candidates: Vec<&Candidate>) -> Vec<&Candidate> {
     let key = |candidate: &Candidate| (candidate.hypothesis.amplitude.constant(), candidate.hypothesis.gyros);
+    let shapes = |candidate: &Candidate| candidate.hypothesis.course_shapes.len();
     let is_needless = |place: usize| {
         let own = candidates[place];
-        own.hypothesis.amplitude.kind.is_some()
-            && candidates[..place]
-                .iter()
-                .any(|other| key(other) == key(own) && own.gain.chi2 < (1.0 + NEEDLESS) * other.gain.chi2)
+        let explains_it = |other: &&Candidate| {
+            key(other) == key(own) && shapes(other) <= shapes(own) && own.gain.chi2 < (1.0 + NEEDLESS) * other.gain.chi2
+        };
+        own.hypothesis.amplitude.kind.is_some() && candidates[..place].iter().any(explains_it)
     };
     (0..candidates.len()).filter(|&place| !is_needless(place)).map(|place| candidates[place]).collect()
 }
