@@ -32,7 +32,9 @@ fn a_pivot_clearance_is_found_in_15_min_and_two_unwritable_outputs_are_reported(
     // Findings are printed and written though two files fail.
     let (report, errors) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     assert_eq!(output.status.code(), Some(1), "{report}{errors}");
-    assert!(report.starts_with("explained: "), "{report}");
+    assert!(report.starts_with("explained: 1 effect is missing in the model"), "{report}");
+    assert!(report.contains("\n1. pivot-clearance on GYRX\n") && report.contains("\n   what next "), "{report}");
+    assert!(report.lines().all(|line| line.chars().count() <= 100), "{report}");
     assert_eq!(errors.matches("/dev/full: cannot be written").count(), 2, "{errors}");
     let said: Value = serde_json::from_str(&std::fs::read_to_string(&json).expect("written")).expect("JSON");
     let [found] = &said["effects"].as_array().expect("a list")[..] else { panic!("{report}") };

@@ -21,6 +21,7 @@ use crate::motion_segments;
 use crate::noise;
 use crate::null_distribution::{Thresholds, kurtosis_limits, thresholds};
 use crate::outcome::{Class, DiagnosedEffect, Diagnosis, Gaps, Verdict};
+use crate::report::admission::{self, refuse};
 use crate::residual_map::residual_maps;
 use crate::residual_stats::{ResidualStats, residual, windowed};
 use crate::rounding::{CLOSED_LOOP, correlation_with_motion, rounding};
@@ -194,29 +195,37 @@ impl Report<'_> {
     fn finish(&self, mut selected: SelectedModel, mut findings: Vec<Finding>) -> Diagnosis {
         let Entries { case, bank, thresholds, .. } = self.entries;
         let measured = case.measured;
-        let (unexplained_gyros, left) = self.drop_doubtful(&mut selected);
+        let (mut unexplained_gyros, mut left) = self.drop_doubtful(&mut selected);
         findings.extend(temperature_lag(&selected.state.shifts));
         let mut entries = self.entries.faults();
         entries.extend(self.entries.effects(&selected));
         entries.extend(self.entries.noises(&selected));
         entries.extend(self.entries.lag(&mut selected));
-        let verdict = match (unexplained_gyros.contains(&true), entries.is_empty()) {
-            (true, _) => Verdict::Unexplained,
-            (false, false) => Verdict::Explained,
-            (false, true) => Verdict::Consistent,
-        };
-        let mut recalibrations = self.entries.recalibrations(&selected.state);
+        entries.extend(self.entries.recalibrations(&selected.state));
         // What moves the calibration of an unexplained gyro is not known.
-        recalibrations.retain(|entry| !is_within(&entry.gyros, &unexplained_gyros));
-        entries.extend(recalibrations);
+        entries.retain(|entry| entry.class == Class::MissingEffect || !is_within(&entry.gyros, &unexplained_gyros));
         self.drop_harmful(&mut entries, selected.state.shifts);
+        let shifts = selected.state.shifts;
+        let refused =
+            refuse(&mut entries, &mut unexplained_gyros, |entries| self.gap_with(entries.iter().copied(), shifts));
+        for (entry, _) in &refused {
+            selected.drop_stated(case, entry);
+            left = selected.normal.projected_residual();
+        }
+        let effects = refused.iter().filter(|(entry, _)| entry.class == Class::MissingEffect);
+        findings.extend(effects.map(admission::finding));
+        let is_missing = entries.iter().any(|entry| entry.class == Class::MissingEffect);
+        let verdict = match (unexplained_gyros.contains(&true), is_missing) {
+            (true, _) => Verdict::Unexplained,
+            (false, true) => Verdict::Explained,
+            (false, false) => Verdict::Consistent,
+        };
         let unexplained =
             unexplained_gyros.contains(&true).then(|| unexplained(case, bank, &selected, &left, unexplained_gyros));
         // Parameters that moved by less than is reported stay as given.
         let mut configuration = case.nominal.clone();
         let corrections = entries.iter().flat_map(|entry| &entry.corrections);
         corrections.for_each(|correction| correction.apply(&mut configuration));
-        let shifts = selected.state.shifts;
         // The input configuration is compared with the recording before any correction, without the estimated lag and noise.
         let as_given = case.of_calibration(self.raw.unwrap_or(measured));
         let raw = as_given.measured;

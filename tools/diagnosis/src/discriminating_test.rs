@@ -39,6 +39,9 @@ const WARMER_K: f64 = 5.0;
 /// Rest after a manoeuvre, so that the reference covers its end.
 const AFTER_S: f64 = 2.0;
 
+/// The sentence without a manoeuvre.
+pub const NO_TEST: &str = "no manoeuvre tried would separate the two";
+
 /// A manoeuvre and its name in a sentence.
 struct Candidate {
     name: String,
@@ -177,7 +180,7 @@ fn sentence<'a>(
         .or_else(|| sure().min_by(duration))
         .or_else(|| useful.iter().max_by(|one, other| one.1.chi2.total_cmp(&other.1.chi2)));
     let Some((Simulated { name, .. }, after)) = best else {
-        return "no manoeuvre tried would separate the two".to_owned();
+        return NO_TEST.to_owned();
     };
     let (to, sigmas) = (after.cosine, after.chi2.sqrt());
     match after.is_lower_than(before) {

@@ -1,5 +1,6 @@
-//! A diagnosis as JSON and, in `text`, as labelled lines.
+//! A diagnosis as JSON and, in `text`, its facts as labelled lines.
 
+pub(crate) mod admission;
 mod text;
 
 use serde_json::{Value, json};
@@ -7,7 +8,9 @@ use serde_json::{Value, json};
 use crate::outcome::Diagnosis;
 
 pub use crate::gyros::names;
-pub use text::{effect_name, facts, heading, labelled, text, verdict, with_sigma};
+pub use text::{
+    WIDTH, alternative_name, effect_name, facts, heading, labelled, on, quantity, verdict, with_sigma, wrapped,
+};
 
 /// The diagnosis as JSON. A number that is not finite is null.
 pub fn json(diagnosis: &Diagnosis) -> Value {

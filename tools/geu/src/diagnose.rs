@@ -11,7 +11,7 @@ use geu_model::Configuration;
 use geu_protocol::CanIdMap;
 use geu_protocol::capture::{RecordPosition, Timestamp};
 use geu_recording::{Defect, DefectKind, ReceivedSample, ReferenceAttitude, Sink, read_text};
-use geu_report::diagnosis::DiagnosisPage;
+use geu_report::diagnosis::{DiagnosisPage, text};
 use indicatif::ProgressBar;
 
 use crate::calibrate::read_recordings;
@@ -48,6 +48,9 @@ pub struct Arguments {
     /// Seed of the simulated recordings without effects that set the thresholds
     #[arg(long, default_value_t = 1, value_parser = crate::settings::seed)]
     seed: u64,
+    /// Print the whole chain of reasoning: all alternatives, tests and places of the residual
+    #[arg(long, conflicts_with = "gyro_csv")]
+    verbose: bool,
     /// Compute the thresholds again, without the cache directory
     #[arg(long)]
     no_cache: bool,
@@ -87,7 +90,8 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     bar.finish_and_clear();
     let diagnosis = diagnosis.map_err(|error| CommandError::input(format!("{}: {error}", arguments.link.join(" "))))?;
     // The result is printed and each file is written also if another of these steps fails.
-    let printed = say!("{}", report::text(&diagnosis).trim_end());
+    let text = if arguments.verbose { text::whole(&diagnosis) } else { text::summary(&diagnosis) };
+    let printed = say!("{}", text.trim_end());
     let json = || {
         let Some(file) = &arguments.evaluation.json else { return Ok(()) };
         file.write(format!("{:#}\n", report::json(&diagnosis)))

@@ -9,7 +9,7 @@ use crate::model_state::{DiagnosisCase, FittedHypothesis, ModelState};
 use crate::noise::{FittedNoise, Walk};
 use crate::normal_equations::NormalEquations;
 use crate::null_distribution::Thresholds;
-use crate::outcome::Chi2Fall;
+use crate::outcome::{Chi2Fall, Correction, DiagnosedEffect};
 use crate::search::Candidate;
 use crate::temperature_lag::lag_chi2;
 use crate::whitening::NoiseModel;
@@ -164,6 +164,16 @@ impl SelectedModel {
             *own = own.map_or(other, |own| Some(own + other.unwrap_or(0.0)));
         }
         self.normal = case.fit(&mut self.state);
+    }
+
+    /// Removes the hypothesis of a reported effect.
+    pub fn drop_stated(&mut self, case: &DiagnosisCase, entry: &DiagnosedEffect) {
+        let is_stated =
+            |held: &FittedHypothesis| entry.corrections.contains(&Correction::Hypothesis(held.hypothesis.clone()));
+        if let Some(index) = self.state.held.iter().position(is_stated) {
+            self.remove(index);
+            self.normal = case.fit(&mut self.state);
+        }
     }
 
     /// Removes the hypotheses that act only on these gyros.

@@ -1,19 +1,29 @@
-//! The report for a terminal: one labelled line for each fact.
-
-use geu_protocol::Gyro;
+//! Facts of a report as labelled lines of limited width.
 
 use crate::gyros::{ALL_GYROS, Gyros, names};
-use crate::outcome::{
-    Chi2Fall, Class, DiagnosedEffect, Diagnosis, EstimatedValue, FollowedTerm, ReportedAlternative, Verdict,
-};
-use crate::residual_map::{SIGNIFICANT, VARIABLES, strongest};
+use crate::outcome::{Chi2Fall, DiagnosedEffect, EstimatedValue, ReportedAlternative, Verdict};
 
-/// Number of variables, and of motion segments, listed for each gyro.
-const PLACES: usize = 3;
 /// Alternatives of a group that are listed; the others are counted.
 const LISTED: usize = 5;
+/// Largest width of a line.
+pub const WIDTH: usize = 100;
+/// Words of a parameter's name that are a unit, and the unit as displays write it.
+const UNITS: [(&str, &str); 11] = [
+    ("arcsec", "arcsec"),
+    ("ppm", "ppm"),
+    ("counts", "counts"),
+    ("seconds", "s"),
+    ("s", "s"),
+    ("h", "h"),
+    ("day", "day"),
+    ("k", "K"),
+    ("deg", "°"),
+    ("rad", "rad"),
+    ("sqrt", "√"),
+];
 
-fn on(gyros: &Gyros) -> String {
+/// The gyros in words.
+pub fn on(gyros: &Gyros) -> String {
     if gyros == &ALL_GYROS { "all gyros".to_owned() } else { names(gyros).join(", ") }
 }
 
@@ -28,6 +38,36 @@ pub fn with_sigma(number: &EstimatedValue) -> String {
         return format!("{:.3e} ± {:.1e}", number.value, sigma);
     }
     format!("{:.decimals$} ± {:.decimals$}", number.value, sigma)
+}
+
+/// The unit that ends the name of a parameter: `arcsec/h` of `arcsec_per_h`; empty without one.
+pub fn unit(name: &str) -> String {
+    if let Some(name) = name.strip_suffix("_per_k_per_h") {
+        return unit(name) + "/(K/h)";
+    }
+    let of = |word: &str| UNITS.iter().find(|(own, _)| *own == word).map(|(_, unit)| *unit);
+    let words = name.split('_').skip_while(|word| of(word).is_none());
+    words.fold(String::new(), |unit, word| match word {
+        "per" => unit + "/",
+        _ if unit.is_empty() || unit.ends_with(['/', '√']) => unit + of(word).unwrap_or_default(),
+        _ => unit + "·" + of(word).unwrap_or_default(),
+    })
+}
+
+/// A parameter of an entry with sigma and unit.
+pub fn quantity(entry: &DiagnosedEffect, number: &EstimatedValue) -> String {
+    let unit = match (&entry.coefficient_unit, &number.written) {
+        (Some(unit), _) => unit.clone(),
+        (None, Some(_)) => String::new(),
+        (None, None) => unit(&number.name),
+    };
+    format!("{} {unit}", with_sigma(number)).trim_end().to_owned()
+}
+
+/// An alternative's name, with its gyros if the effect has others.
+pub fn alternative_name(entry: &DiagnosedEffect, other: &ReportedAlternative) -> String {
+    let name = other.formula.as_ref().unwrap_or(&other.code);
+    if other.gyros == entry.gyros { name.clone() } else { format!("{name} on {}", on(&other.gyros)) }
 }
 
 fn plain(value: f64) -> String {
@@ -65,8 +105,7 @@ pub fn facts(entry: &DiagnosedEffect) -> Vec<(String, String)> {
     let mut facts: Vec<(String, String)> = Vec::new();
     let mut fact = |label: &str, value: String| facts.push((label.to_owned(), value));
     for number in &entry.parameters {
-        let unit = entry.coefficient_unit.as_ref().map_or(String::new(), |unit| format!(" {unit}"));
-        fact(&number.name, with_sigma(number) + &unit);
+        fact(&number.name, quantity(entry, number));
     }
     // As a whole number, so that a zero has no sign.
     fact("share of the gap", format!("{} %", (100.0 * entry.gap_share).round() as i64));
@@ -74,10 +113,7 @@ pub fn facts(entry: &DiagnosedEffect) -> Vec<(String, String)> {
         fact("fall of chi2", format!("{fall:.0} (threshold {threshold:.0})"));
     }
     let (same, others): (Vec<_>, Vec<_>) = entry.alternatives.iter().partition(|other| other.is_indistinguishable());
-    let name = |other: &ReportedAlternative| {
-        let name = other.formula.as_ref().unwrap_or(&other.code);
-        if other.gyros == entry.gyros { name.clone() } else { format!("{name} on {}", on(&other.gyros)) }
-    };
+    let name = |other: &ReportedAlternative| alternative_name(entry, other);
     if let (Some(next), Some(Chi2Fall { fall, .. })) = (others.first(), entry.chi2) {
         let share = 100.0 * (1.0 - next.delta_chi2.unwrap_or(0.0) / fall).max(0.0);
         // It is distinguishable, if only just.
@@ -99,94 +135,47 @@ pub fn facts(entry: &DiagnosedEffect) -> Vec<(String, String)> {
     facts
 }
 
-/// Facts as lines with aligned values.
+/// Facts as lines with aligned values, at most [`WIDTH`] columns wide.
 pub fn labelled(indent: usize, facts: &[(String, String)]) -> String {
     let width = facts.iter().map(|(label, _)| label.chars().count()).max().unwrap_or(0);
-    facts.iter().map(|(label, value)| format!("{:indent$}{label:width$}  {value}\n", "")).collect()
+    facts.iter().map(|(label, value)| wrapped(&format!("{:indent$}{label:width$}  ", ""), value)).collect()
 }
 
-/// The report for a terminal.
-pub fn text(diagnosis: &Diagnosis) -> String {
-    let mut text = verdict(diagnosis.verdict).to_owned() + "\n";
-    for (class, title) in [
-        (Class::MissingEffect, "missing in the model"),
-        (Class::Recalibration, "changed calibration, no missing effect"),
-    ] {
-        let own: Vec<&DiagnosedEffect> = diagnosis.entries.iter().filter(|entry| entry.class == class).collect();
-        if !own.is_empty() {
-            text += &format!("\n{title}\n");
-        }
-        for entry in own {
-            text += &format!("  {}\n{}", heading(entry), labelled(4, &facts(entry)));
-        }
-    }
-    if let Some(left) = &diagnosis.unexplained {
-        let [from_s, to_s] = left.interval_s;
-        let mut facts = vec![
-            ("gyros".to_owned(), on(&left.gyros)),
-            ("shape".to_owned(), left.shape.clone()),
-            ("interval".to_owned(), format!("{from_s:.0}…{to_s:.0} s")),
-        ];
-        for FollowedTerm { term, score } in &left.follows {
-            facts.push(("follows".to_owned(), format!("{term} (fall of chi2 {score:.0})")));
-        }
-        text += &format!("\nunexplained\n{}", labelled(2, &facts));
-    }
-    if !diagnosis.findings.is_empty() {
-        text += "\nexact checks\n";
-        for found in &diagnosis.findings {
-            text += &format!("  {}: {}: {}\n", found.kind, found.place, found.text);
+/// A text after `first`, in lines of at most [`WIDTH`] columns. Further lines are indented by the width of `first`.
+pub fn wrapped(first: &str, text: &str) -> String {
+    let indent = first.chars().count().min(WIDTH / 2);
+    let (mut lines, mut line) = (String::new(), first.to_owned());
+    let mut is_empty = true;
+    for word in text.split_whitespace() {
+        let mut word: Vec<char> = word.chars().collect();
+        loop {
+            let used = line.chars().count() + usize::from(!is_empty);
+            let fits = used + word.len() <= WIDTH;
+            // A word wider than a line is cut.
+            let cut = if fits { word.len() } else { WIDTH.saturating_sub(used).min(word.len()) };
+            if fits || (is_empty && cut > 0) {
+                line += if is_empty { "" } else { " " };
+                line.extend(word.drain(..cut));
+                is_empty = false;
+            }
+            if word.is_empty() {
+                break;
+            }
+            lines += &(line.trim_end().to_owned() + "\n");
+            (line, is_empty) = (" ".repeat(indent), true);
         }
     }
-    let places: Vec<String> = Gyro::ALL.into_iter().flat_map(|gyro| significant_terms(diagnosis, gyro)).collect();
-    if !places.is_empty() {
-        text += "\nsignificant variables of the residual, in sigmas before and after\n";
-        places.into_iter().for_each(|place| text += &format!("  {place}\n"));
-    }
-    text += "\ngap, arcsec within 30 min       rms      max   at the end   chi2/dof\n";
-    for (name, gap) in [
-        ("as configured", &diagnosis.before.fitted),
-        ("with the effects found", &diagnosis.after.fitted),
-        ("the same held out", &diagnosis.after.held_out),
-    ] {
-        text += &format!(
-            "{name:24} {:10.2} {:8.2} {:12.2} {:10.3}\n",
-            gap.rms_arcsec, gap.max_arcsec, gap.after_30min_arcsec, gap.reduced_chi2
-        );
-    }
-    text
-}
-
-/// The most significant variables of a gyro before the diagnosis, over the recording and in motion segments.
-fn significant_terms(diagnosis: &Diagnosis, gyro: Gyro) -> Vec<String> {
-    let ([before, after], index) = (&diagnosis.residual_maps, gyro as usize);
-    let whole = VARIABLES.iter().zip(&before.whole[index]).zip(&after.whole[index]);
-    let along = whole.filter_map(|((name, sigmas), later)| Some((format!("along {name}"), (*sigmas)?, *later)));
-    let segments = diagnosis.segments.iter().zip(&before.segments[index]).zip(&after.segments[index]);
-    let within = segments.filter_map(|((segment, own), later)| {
-        let (variable, sigmas) = strongest(own)?;
-        let place = format!("in {}, {:.0} s ({})", segment.name, segment.from_s, VARIABLES[variable]);
-        Some((place, sigmas, later[variable]))
-    });
-    // A whole number has no minus before a zero.
-    let whole = |sigmas: f64| format!("{:+}", sigmas.round() as i64);
-    let line = |(place, before, after): (String, f64, Option<f64>)| {
-        let after = after.map_or(String::new(), |after| format!(" → {}", whole(after)));
-        format!("{} {place} {}{after}", gyro.name(), whole(before))
-    };
-    [along.collect::<Vec<_>>(), within.collect()]
-        .into_iter()
-        .flat_map(|mut places| {
-            places.retain(|(_, before, _)| before.abs() > SIGNIFICANT);
-            places.sort_by(|one, other| other.1.abs().total_cmp(&one.1.abs()));
-            places.into_iter().take(PLACES).map(line)
-        })
-        .collect()
+    lines + line.trim_end() + "\n"
 }
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
+    use geu_model::parameter_spec::ValueFormat;
+
     use super::*;
+    use crate::amplitude::AmplitudeRef;
 
     fn alternative(code: &str, delta_chi2: Option<f64>) -> ReportedAlternative {
         ReportedAlternative {
@@ -217,17 +206,43 @@ mod tests {
         assert_eq!(heading(&entry), "GYRX: pivot-clearance");
         let lines = labelled(4, &facts(&entry));
         for line in [
-            "    clearance_arcsec     11.523 ± 0.041",
-            "    preferred_arcsec     0.0000",
+            "    clearance_arcsec     11.523 ± 0.041 arcsec",
+            "    preferred_arcsec     0.0000 arcsec",
             "    share of the gap     70 %",
             "    fall of chi2         69651 (threshold 15)",
             "    next best            lost-counts, explains 14 % of that fall",
             "    not distinguishable  from drift-course-number-0 (cosine 0.999)",
             "    not distinguishable  from 7 more, listed in the JSON",
-            "    discriminating test  against drift-course-number-11: a scan about Y separates drift-course-number-11",
+            "    discriminating test  against drift-course-number-11: a scan about Y separates",
+            "                         drift-course-number-11",
         ] {
             assert!(lines.lines().any(|own| own == line), "{line:?} not in\n{lines}");
         }
-        assert!(lines.lines().all(|line| line.chars().count() < 120 && !line.contains(';')), "{lines}");
+        assert!(lines.lines().all(|line| line.chars().count() <= WIDTH && !line.contains(';')), "{lines}");
+    }
+
+    #[test]
+    fn every_parameter_of_the_model_has_its_unit() {
+        let all = AmplitudeRef::every().flat_map(AmplitudeRef::with_courses);
+        let numbers = all.flat_map(|own| own.own_shapes().iter().chain(own.course_shapes()).chain([own.number()]));
+        let wrong: BTreeSet<_> = numbers
+            .filter(|number| number.form == ValueFormat::Real && unit(number.name) != number.unit)
+            .map(|number| (number.name, number.unit, unit(number.name)))
+            .collect();
+        assert!(wrong.is_empty(), "{wrong:?}");
+        assert_eq!(unit("amplitude_ppm"), "ppm");
+        assert_eq!(unit("arcsec_per_h_per_k_per_h"), "arcsec/h/(K/h)");
+    }
+
+    #[test]
+    fn no_line_is_wider_than_the_width() {
+        let long = format!("{} {} end", "word ".repeat(60), "x".repeat(250));
+        for first in ["", "  label  ", &"label ".repeat(12)] {
+            let lines = wrapped(first, &long);
+            assert!(lines.lines().all(|line| line.chars().count() <= WIDTH && line == line.trim_end()), "{lines}");
+            let packed = |text: &str| text.split_whitespace().collect::<String>();
+            assert_eq!(packed(&lines), packed(&(first.to_owned() + &long)));
+        }
+        assert_eq!(wrapped("gyros  ", "GYRX"), "gyros  GYRX\n");
     }
 }

@@ -1,7 +1,9 @@
-//! The page of `geu diagnose --html`: found effects, search, cross-validation and residual. Its charts are in `charts.rs`.
+//! The page of `geu diagnose --html`: found effects, search, cross-validation and residual. Its charts are in `charts.rs`, the report for
+//! a terminal in `text.rs`.
 
 mod charts;
 mod residual_map;
+pub mod text;
 
 use std::fmt::Write;
 

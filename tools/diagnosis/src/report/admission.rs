@@ -1,0 +1,121 @@
+//! Rules that every stated entry meets, whatever search and selection did.
+
+use crate::finding::Finding;
+use crate::gyros::{Gyros, is_within, names};
+use crate::outcome::{Class, DiagnosedEffect};
+use crate::residual_stats::ResidualStats;
+
+/// Entries that are not stated, each with the reason.
+pub type Refused = Vec<(DiagnosedEffect, &'static str)>;
+
+/// Removes the entries that may not be stated: one below its own threshold, a changed calibration of a gyro left unexplained, and one
+/// that makes gap and χ² larger beside all others, by `gap`.
+///
+/// The gyros of a refused effect are unexplained.
+pub fn refuse(
+    entries: &mut Vec<DiagnosedEffect>,
+    unexplained: &mut Gyros,
+    gap: impl Fn(&[&DiagnosedEffect]) -> ResidualStats,
+) -> Refused {
+    let mut refused = Refused::new();
+    while let Some((index, reason)) = first_refused(entries, unexplained, &gap) {
+        let entry = entries.remove(index);
+        if entry.class == Class::MissingEffect {
+            unexplained.iter_mut().zip(entry.gyros).for_each(|(gyro, own)| *gyro |= own);
+        }
+        refused.push((entry, reason));
+    }
+    refused
+}
+
+fn first_refused(
+    entries: &[DiagnosedEffect],
+    unexplained: &Gyros,
+    gap: &impl Fn(&[&DiagnosedEffect]) -> ResidualStats,
+) -> Option<(usize, &'static str)> {
+    let of = |reason, is_refused: &dyn Fn(&DiagnosedEffect) -> bool| {
+        entries.iter().position(is_refused).map(|index| (index, reason))
+    };
+    let is_below =
+        |entry: &DiagnosedEffect| entry.chi2.is_some_and(|chi2| chi2.fall.is_nan() || chi2.fall < chi2.threshold);
+    let is_of_unexplained =
+        |entry: &DiagnosedEffect| entry.class == Class::Recalibration && is_within(&entry.gyros, unexplained);
+    of("its fall of chi2 is below its own threshold", &is_below)
+        .or_else(|| of("what moves the calibration of an unexplained gyro is not known", &is_of_unexplained))
+        .or_else(|| {
+            let all: Vec<&DiagnosedEffect> = entries.iter().collect();
+            let with = gap(&all);
+            // The corrections of an exact check are in the data already.
+            let is_harmful = |entry: &DiagnosedEffect| {
+                let others: Vec<&DiagnosedEffect> =
+                    entries.iter().filter(|other| !std::ptr::eq(*other, entry)).collect();
+                let without = gap(&others);
+                entry.chi2.is_some() && without.squares < with.squares && without.reduced_chi2 < with.reduced_chi2
+            };
+            of("it makes the gap larger", &is_harmful)
+        })
+}
+
+/// The finding of a refused entry.
+pub fn finding((entry, reason): &(DiagnosedEffect, &'static str)) -> Finding {
+    Finding {
+        kind: "not-stated".to_owned(),
+        place: names(&entry.gyros).join(", "),
+        text: format!("{} is not stated: {reason}", super::effect_name(entry)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gyros::only;
+    use crate::outcome::Chi2Fall;
+
+    fn entry(code: &str, gyro: usize, class: Class, fall: f64) -> DiagnosedEffect {
+        let chi2 = Some(Chi2Fall { fall, threshold: 16.0 });
+        DiagnosedEffect { code: code.to_owned(), gyros: only(gyro), class, chi2, ..DiagnosedEffect::default() }
+    }
+
+    /// Codes of the stated entries, unexplained gyros and reasons, if the gap grows with each entry `harmful`.
+    fn refused(mut entries: Vec<DiagnosedEffect>, mut unexplained: Gyros) -> (Vec<String>, Gyros, Vec<String>) {
+        let gap = |entries: &[&DiagnosedEffect]| {
+            let harm = entries.iter().filter(|entry| entry.code == "harmful").count() as f64;
+            ResidualStats { squares: 10.0 + harm, reduced_chi2: 1.0 + harm, ..ResidualStats::default() }
+        };
+        let refused = refuse(&mut entries, &mut unexplained, gap);
+        let codes = entries.into_iter().map(|entry| entry.code).collect();
+        (codes, unexplained, refused.iter().map(|own| finding(own).text).collect())
+    }
+
+    #[test]
+    fn an_effect_below_its_threshold_leaves_its_gyro_and_calibration_unexplained() {
+        let entries = vec![
+            entry("drift-step", 0, Class::MissingEffect, 15.9),
+            entry("lost-counts", 1, Class::MissingEffect, 17.0),
+            entry("scale-factor", 0, Class::Recalibration, 100.0),
+            entry("misalignment", 1, Class::Recalibration, 100.0),
+        ];
+        let (codes, unexplained, reasons) = refused(entries, [false; 4]);
+        assert_eq!((&codes[..], unexplained), (&["lost-counts".to_owned(), "misalignment".to_owned()][..], only(0)));
+        assert_eq!(reasons[0], "drift-step is not stated: its fall of chi2 is below its own threshold");
+        assert!(reasons[1].starts_with("scale-factor is not stated: what moves the calibration"), "{reasons:?}");
+    }
+
+    #[test]
+    fn an_entry_that_makes_the_gap_larger_is_not_stated() {
+        let entries =
+            || vec![entry("harmful", 2, Class::MissingEffect, 50.0), entry("drift", 1, Class::MissingEffect, 50.0)];
+        let (codes, unexplained, reasons) = refused(entries(), [false; 4]);
+        assert_eq!((&codes[..], unexplained), (&["drift".to_owned()][..], only(2)));
+        assert_eq!(reasons, ["harmful is not stated: it makes the gap larger"]);
+        // A calibration that is not stated leaves nothing unexplained.
+        let (codes, unexplained, _) = refused(vec![entry("harmful", 2, Class::Recalibration, 50.0)], [false; 4]);
+        assert!(codes.is_empty() && unexplained == [false; 4]);
+    }
+
+    #[test]
+    fn an_effect_that_an_exact_check_found_stays() {
+        let found = DiagnosedEffect { chi2: None, ..entry("harmful", 0, Class::MissingEffect, 0.0) };
+        assert_eq!(refused(vec![found], [false; 4]).0, ["harmful"]);
+    }
+}
