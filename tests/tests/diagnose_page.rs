@@ -85,7 +85,8 @@ impl Diagnosed {
         }
         // The page states each finding as the report does.
         let mut facts: Vec<String> = Vec::new();
-        for line in self.report.lines().filter(|line| line.starts_with("    ")) {
+        let effects = self.report.lines().take_while(|line| !["unexplained", "exact checks"].contains(line));
+        for line in effects.filter(|line| line.starts_with("    ")) {
             match line.trim().split_once("  ") {
                 Some(_) => facts.push(line.trim().to_owned()),
                 // A value continues at the column of the values.
