@@ -36,7 +36,7 @@ const FORMULA_MARGIN: f64 = 10.0;
 const CHANGED_CHI2: f64 = 13.8;
 /// Version of the search beside the model's lists. It changes with grids, families and null recordings, so that stored thresholds never
 /// apply to another search.
-const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 16");
+const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 17");
 
 /// Options of [`diagnose_rows`].
 pub struct DiagnosisOptions<'a> {
@@ -75,60 +75,111 @@ pub fn diagnose_rows(
     };
     let measured = MeasuredData::new(counts(&checked.rows)?, reference, nominal)?;
     let raw = if checked.faults.is_empty() { None } else { MeasuredData::new(counts(rows)?, reference, nominal).ok() };
-    progress("signatures");
-    let mut case = DiagnosisCase::new(&measured, nominal);
-    let catalogue = SignatureBank::new(&measured, nominal);
-    let before = measured.run(nominal, Shifts::default());
-    let noise = noise::configured(nominal, &measured, &case.rounding, &measured.residual(&before));
-    let start = case.start(noise);
-    // Rounding depends on the rate: that of the fitted scale factors and drifts.
-    let mut fitted = start.clone();
-    case.fit(&mut fitted);
-    let path = case.run(&fitted);
-    case.rounding = Arc::new(rounding(&measured, &path));
-    let noise = noise::configured(nominal, &measured, &case.rounding, &measured.residual(&path));
-    let start = case.start(noise);
-    let correlation = correlation_with_motion(&measured, &path);
-    let is_closed_loop = correlation > CLOSED_LOOP;
-    let formulas = LazyCell::new(|| match is_closed_loop {
-        true => catalogue.without_signatures(),
-        false => catalogue.formulas(&measured, nominal),
-    });
-    let all = LazyCell::new(|| catalogue.and(&formulas));
-    let key = key(&measured, &path, &noise, options.seed);
-    let thresholds = (options.known)(key).unwrap_or_else(|| {
-        progress("thresholds");
-        let found = thresholds(&case, &all, &path, &case.fit(&mut start.clone()), &noise, options.seed);
-        (options.keep)(key, &found);
-        found
-    });
-    progress("search");
-    let pass = |per_gyro: usize| {
-        let effects = select_model(&case, &catalogue, &thresholds, &start, per_gyro);
-        if !effects.is_cut && is_noise(&effects, &thresholds) && !effects.is_doubtful(&case, &formulas, &thresholds) {
-            return effects;
-        }
-        progress("formulas");
-        let other = select_model(&case, &all, &thresholds, &start, per_gyro);
-        // A transient is as unlikely as a formula.
-        let margin = if effects.has_transient() { 0.0 } else { FORMULA_MARGIN };
-        let is_better = other.requires_formula(&case)
-            && other.score(&case, &thresholds) + margin < effects.score(&case, &thresholds);
-        if is_better { other } else { effects }
-    };
-    // A second effect on one gyro is rare: a formula is tried first.
-    let single = pass(1);
-    let mut selected = if single.is_cut { pass(MAX_PER_GYRO) } else { single };
-    progress("report");
-    merge_gyros(&case, &mut selected);
-    let needs_formulas = !selected.state.held.is_empty() || !is_noise(&selected, &thresholds);
-    let bank: &SignatureBank = if needs_formulas { &all } else { &catalogue };
-    let entries = Entries { case: &case, bank, thresholds: &thresholds, faults: &checked.faults };
+    let solution = Solution::new(&measured, nominal, options, true);
     let mut findings = checked.findings;
-    findings.extend(is_closed_loop.then(|| closed_loop(correlation)));
+    findings.extend(solution.is_closed_loop().then(|| closed_loop(solution.correlation)));
+    let angles = solution.needs_angles().then(|| solution.dequantised());
+    let second = angles.as_ref().map(|angles| Solution::new(angles, nominal, options, false));
+    let raw = raw.or_else(|| angles.is_some().then(|| measured.clone()));
+    let Solution { case, start, bank, thresholds, selected, .. } = second.unwrap_or(solution);
+    progress("report");
+    let (case, bank, thresholds, start) = (&case, &bank, &thresholds, &start);
+    let entries = Entries { case, bank, thresholds, faults: &checked.faults };
     let DiagnosisOptions { manoeuvres, seed, .. } = *options;
-    let report = Report { entries, start: &start, raw: raw.as_ref(), manoeuvres, seed };
+    let report = Report { entries, start, raw: raw.as_ref(), manoeuvres, seed };
     Ok(report.finish(selected, findings))
+}
+
+/// The selected model of a recording, and what it was selected with.
+struct Solution<'a> {
+    case: DiagnosisCase<'a>,
+    start: ModelState,
+    /// Signatures of which alternatives are taken.
+    bank: SignatureBank,
+    thresholds: Thresholds,
+    selected: SelectedModel,
+    /// Of the rounding with the motion.
+    correlation: f64,
+}
+
+impl<'a> Solution<'a> {
+    fn new(
+        measured: &'a MeasuredData,
+        nominal: &'a Configuration,
+        options: &DiagnosisOptions,
+        has_counts: bool,
+    ) -> Solution<'a> {
+        let progress = options.progress;
+        progress("signatures");
+        let mut case = DiagnosisCase::new(measured, nominal);
+        let catalogue = SignatureBank::new(measured, nominal);
+        let before = measured.run(nominal, Shifts::default());
+        let noise = noise::configured(nominal, measured, &case.rounding, &measured.residual(&before));
+        let start = case.start(noise);
+        // Rounding depends on the rate: that of the fitted scale factors and drifts.
+        let mut fitted = start.clone();
+        case.fit(&mut fitted);
+        let path = case.run(&fitted);
+        case.rounding = Arc::new(rounding(measured, &path));
+        let noise = noise::configured(nominal, measured, &case.rounding, &measured.residual(&path));
+        let start = case.start(noise);
+        let correlation = if has_counts { correlation_with_motion(measured, &path) } else { 0.0 };
+        // In a closed loop the signatures of small motions contain the rounding, and dequantised angles follow one path.
+        let has_formulas = has_counts && correlation <= CLOSED_LOOP;
+        let formulas = LazyCell::new(|| match has_formulas {
+            true => catalogue.formulas(measured, nominal),
+            false => catalogue.without_signatures(),
+        });
+        let all = LazyCell::new(|| catalogue.and(&formulas));
+        let key = key(measured, &path, &noise, options.seed);
+        let thresholds = (options.known)(key).unwrap_or_else(|| {
+            progress("thresholds");
+            let found = thresholds(&case, &all, &path, &case.fit(&mut start.clone()), &noise, options.seed);
+            (options.keep)(key, &found);
+            found
+        });
+        progress("search");
+        let pass = |per_gyro: usize| {
+            let effects = select_model(&case, &catalogue, &thresholds, &start, per_gyro);
+            if !effects.is_cut && is_noise(&effects, &thresholds) && !effects.is_doubtful(&case, &formulas, &thresholds)
+            {
+                return effects;
+            }
+            progress("formulas");
+            let other = select_model(&case, &all, &thresholds, &start, per_gyro);
+            // A transient is as unlikely as a formula.
+            let margin = if effects.has_transient() { 0.0 } else { FORMULA_MARGIN };
+            let is_better = other.requires_formula(&case)
+                && other.score(&case, &thresholds) + margin < effects.score(&case, &thresholds);
+            if is_better { other } else { effects }
+        };
+        // A second effect on one gyro is rare: a formula is tried first.
+        let single = pass(1);
+        let mut selected = if single.is_cut { pass(MAX_PER_GYRO) } else { single };
+        merge_gyros(&case, &mut selected);
+        let needs_formulas = !selected.state.held.is_empty() || !is_noise(&selected, &thresholds);
+        let bank = if needs_formulas { catalogue.and(&formulas) } else { catalogue.clone() };
+        Solution { case, start, bank, thresholds, selected, correlation }
+    }
+
+    fn is_closed_loop(&self) -> bool {
+        self.correlation > CLOSED_LOOP
+    }
+
+    /// True if the motion answers the rounding and the counts do not agree with the model as given.
+    fn needs_angles(&self) -> bool {
+        let is_consistent = self.selected.state.held.is_empty() && is_noise(&self.selected, &self.thresholds);
+        self.is_closed_loop() && !is_consistent
+    }
+
+    /// The recording with angles along the path without effects, or with those selected.
+    fn dequantised(&self) -> MeasuredData {
+        let walks = std::array::from_fn(|gyro| self.start.noise[gyro].angle_walk);
+        let mut fitted = self.start.clone();
+        self.case.fit(&mut fitted);
+        let paths = [&fitted, &self.selected.state].map(|state| self.case.run(state));
+        self.case.measured.dequantised(&paths, walks)
+    }
 }
 
 fn is_noise(selected: &SelectedModel, thresholds: &Thresholds) -> bool {
@@ -149,6 +200,9 @@ fn key(measured: &MeasuredData, path: &Series, noise: &[NoiseModel; CHANNELS], s
     push(&seed.to_le_bytes());
     AmplitudeRef::all().iter().for_each(|amplitude| push(amplitude.code().as_bytes()));
     measured.electronics_c().into_iter().for_each(|celsius| push(&tenths(celsius)));
+    for weights in measured.weights.iter().flatten() {
+        weights.iter().step_by(BLOCK).for_each(|weight| push(&tenths(*weight)));
+    }
     for channel in 0..CHANNELS {
         for block in &measured.blocks[channel] {
             push(&[u8::from(block.is_good), u8::from(block.restarts)]);

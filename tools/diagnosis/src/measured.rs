@@ -1,6 +1,7 @@
 //! A recording beside its reference: counts at nodes, receive times, temperatures and the reference motion, on one time scale whose 0
 //! is the start of the first sample interval.
 
+mod dequantised;
 mod model;
 mod model_cache;
 mod series;
@@ -14,6 +15,7 @@ use geu_model::attitude::RecordedAttitude;
 use geu_model::units::{ORBIT_S, SAMPLE_INTERVAL_S};
 use geu_recording::ReferenceAttitude;
 
+use dequantised::dequantise;
 pub use series::{CHANNELS, Series, Shifts, TIMING};
 pub use smoothed_reference::SmoothedReference;
 
@@ -26,6 +28,9 @@ pub const BLOCK: usize = 10;
 pub const BLOCK_S: f64 = BLOCK as f64 * SAMPLE_INTERVAL_S;
 /// Minimum usable length, 10 min.
 const MIN_BLOCKS: usize = 120;
+
+/// Number of counts that may contradict a path: more, and it is not that of the gyro.
+const MAX_CONTRADICTIONS: usize = 20;
 
 /// Reason why a recording cannot be diagnosed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -83,6 +88,8 @@ pub struct MeasuredData {
     pub smoothed: Option<Arc<SmoothedReference>>,
     /// Samples up to the end of the reference.
     pub samples: usize,
+    /// Weights of the nodes of gyros of which the angles are dequantised, counts⁻².
+    pub weights: [Option<Arc<Vec<f64>>>; TIMING],
     /// Blocks of each channel. The channel of the times has usable ones only with receive times.
     pub blocks: [Vec<Block>; CHANNELS],
     /// Model runs on this recording. The fields above must not change after the first run; a clone starts without runs.
@@ -180,6 +187,7 @@ impl MeasuredData {
             reference,
             smoothed,
             samples,
+            weights: Default::default(),
             blocks,
             runs: ModelCache::default(),
             late,
@@ -221,6 +229,7 @@ impl MeasuredData {
             reference: Arc::new(motion),
             smoothed: None,
             samples,
+            weights: Default::default(),
             blocks: std::array::from_fn(of_channel),
             runs: ModelCache::default(),
             late: vec![0.0; samples + 1],
@@ -269,12 +278,14 @@ impl MeasuredData {
                 of_block.map_or(0.0, |gyros| gyros[channel])
             };
             let average = |(number, block): (usize, &Block)| {
-                let residual = nodes(number).map(|node| measured[node] - model[channel][node]);
+                let residual = |node: usize| measured[node] - model[channel][node];
                 match channel {
                     _ if !block.is_compared => 0.0,
                     // A receive time may be late by any amount: the median.
-                    TIMING => median(&mut residual.filter(|value| !value.is_nan()).collect::<Vec<_>>()),
-                    _ => residual.sum::<f64>() / BLOCK as f64 - departure(number),
+                    TIMING => {
+                        median(&mut nodes(number).map(residual).filter(|value| !value.is_nan()).collect::<Vec<_>>())
+                    }
+                    _ => self.average(channel, number, residual) - departure(number),
                 }
             };
             self.blocks[channel].iter().enumerate().map(average).collect()
@@ -284,11 +295,37 @@ impl MeasuredData {
     /// Block averages of the difference of two runs, of all blocks.
     pub fn difference(&self, moved: &Series, from: &Series) -> Series {
         std::array::from_fn(|channel| {
-            let average = |number: usize| {
-                nodes(number).map(|node| moved[channel][node] - from[channel][node]).sum::<f64>() / BLOCK as f64
-            };
+            let average =
+                |number: usize| self.average(channel, number, |node| moved[channel][node] - from[channel][node]);
             (0..self.block_count()).map(average).collect()
         })
+    }
+
+    /// Average of a value over the nodes of a block.
+    fn average(&self, channel: usize, block: usize, value: impl Fn(usize) -> f64) -> f64 {
+        match self.weights.get(channel).and_then(Option::as_ref) {
+            Some(weights) => {
+                let sum = nodes(block).map(|node| weights[node] * value(node)).sum::<f64>();
+                sum / nodes(block).map(|node| weights[node]).sum::<f64>()
+            }
+            None => nodes(block).map(value).sum::<f64>() / BLOCK as f64,
+        }
+    }
+
+    /// The recording with angles in place of counts, estimated for each gyro along the first of these paths that its counts do not
+    /// contradict. A gyro that contradicts all of them keeps its counts.
+    #[must_use]
+    pub fn dequantised(&self, paths: &[Series], angle_walks: [f64; TIMING]) -> MeasuredData {
+        let mut measured = self.clone();
+        for (gyro, angle_walk) in angle_walks.into_iter().enumerate() {
+            let (counts, blocks) = (&self.counts.accumulated[gyro], &self.blocks[gyro]);
+            let mut along = paths.iter().map(|path| dequantise(counts, &path[gyro], blocks, angle_walk));
+            if let Some(own) = along.find(|own| own.contradictions <= MAX_CONTRADICTIONS) {
+                measured.counts.accumulated[gyro] = own.angles;
+                measured.weights[gyro] = Some(Arc::new(own.weights));
+            }
+        }
+        measured
     }
 
     /// Electronics temperature of each block, °C.

@@ -78,7 +78,9 @@ pub fn configured(
         // The second difference of a walk contains two of its steps, each averaged over a ramp: 2/3 of a whole step, and −1/6 with its
         // neighbour; 1 in all.
         let white = (variance - angle_walk.powi(2) * BLOCK_S) / 6.0;
-        NoiseModel { white: white.max(min_white(channel)), angle_walk, rate_walk }
+        let is_dequantised = measured.weights.get(channel).is_some_and(Option::is_some);
+        let min = if is_dequantised { 0.0 } else { min_white(channel) };
+        NoiseModel { white: white.max(min), angle_walk, rate_walk }
     })
 }
 

@@ -207,6 +207,7 @@ fn draw(case: &DiagnosisCase, model: &Series, noise: &[NoiseModel; CHANNELS], se
         // So is that of its walk.
         let mut of_turns = NoiseStream::of_sensor(seed, "null turns");
         let turns = measured.smoothed.as_ref().map(|smoothed| &smoothed.walk[channel]);
+        let weights = measured.weights[channel].as_ref();
         let mut of_block = |block: usize| {
             let mut sum = 0.0;
             if let Some(turns) = turns {
@@ -216,9 +217,19 @@ fn draw(case: &DiagnosisCase, model: &Series, noise: &[NoiseModel; CHANNELS], se
                 rate += own.rate_walk * root_s * stream.standard_normal();
                 walk += rate * SAMPLE_INTERVAL_S + own.angle_walk * root_s * stream.standard_normal();
                 let angle = model[channel][node];
-                sum += (angle + walk).round() - angle;
+                sum += match weights {
+                    Some(weights) => weights[node] * walk,
+                    None => (angle + walk).round() - angle,
+                };
             }
-            sum / BLOCK as f64 + additional * of_reference.standard_normal()
+            let additional = additional * of_reference.standard_normal();
+            match weights {
+                Some(weights) => {
+                    let weight: f64 = nodes(block).map(|node| weights[node]).sum();
+                    sum / weight + stream.standard_normal() / weight.sqrt() + additional
+                }
+                None => sum / BLOCK as f64 + additional,
+            }
         };
         (0..blocks.len()).map(&mut of_block).collect()
     })

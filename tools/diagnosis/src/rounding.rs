@@ -47,13 +47,27 @@ pub fn rounding(measured: &MeasuredData, model: &Series) -> Rounding {
         if channel == TIMING {
             return vec![BlockRounding::NONE; blocks];
         }
-        let mut rounding = of_channel(&model[channel], blocks);
+        let mut rounding = match &measured.weights[channel] {
+            Some(weights) => of_weights(weights, blocks),
+            None => of_channel(&model[channel], blocks),
+        };
         if let Some(smoothed) = &measured.smoothed {
             let walk = rounding.iter_mut().zip(&smoothed.walk[channel]);
             walk.for_each(|(block, walk)| block.reference_walk = walk.norm_squared());
         }
         rounding
     })
+}
+
+/// Errors of averages of dequantised angles: independent.
+fn of_weights(weights: &[f64], blocks: usize) -> Vec<BlockRounding> {
+    let variance = |block: usize| nodes(block).map(|node| weights[node]).sum::<f64>().recip();
+    let of_block = |block: usize| {
+        let [last, second] = [1, 2].map(|before| variance(block.saturating_sub(before)));
+        let second_difference = variance(block) + 4.0 * last + second;
+        BlockRounding { variance: variance(block), second_difference, ..BlockRounding::NONE }
+    };
+    (0..blocks).map(of_block).collect()
 }
 
 fn of_channel(angles: &[f64], blocks: usize) -> Vec<BlockRounding> {
