@@ -1,59 +1,33 @@
 //! A diagnosis from start to end: missing effects, outdated calibration parameters, residual.
 
 use std::cell::LazyCell;
-use std::sync::Arc;
 
 use geu_calibration::CountsReader;
 use geu_calibration::window::ManoeuvreWindow;
 use geu_model::Configuration;
 use geu_recording::{Defect, ReceivedSample, ReferenceAttitude, Sink};
 
-use crate::amplitude::AmplitudeRef;
 use crate::checks::{WiringFault, check};
 use crate::cross_validation::{fitted, held_out};
-use crate::entries::{Entries, SAME_SIGMAS};
+use crate::entries::Entries;
 use crate::finding::Finding;
 use crate::gyros::{Gyros, is_within};
-use crate::measured::{BLOCK, CHANNELS, MeasuredData, MeasuredError, Series, Shifts, TIMING};
-use crate::model_selection::{MAX_PER_GYRO, SelectedModel, select_model};
+use crate::measured::{MeasuredData, MeasuredError, Series, Shifts, SmoothedReference, TIMING};
+use crate::model_selection::SelectedModel;
 use crate::model_state::{DiagnosisCase, ModelState};
 use crate::motion_segments;
 use crate::noise;
-use crate::null_distribution::{Thresholds, kurtosis_limits, thresholds};
+use crate::null_distribution::kurtosis_limits;
 use crate::outcome::{Class, DiagnosedEffect, Diagnosis, Gaps, Verdict};
 use crate::report::admission::{self, refuse};
 use crate::residual_map::residual_maps;
 use crate::residual_stats::{ResidualStats, residual, windowed};
-use crate::rounding::{CLOSED_LOOP, correlation_with_motion, rounding};
-use crate::signature_bank::SignatureBank;
+use crate::solution::{DiagnosisOptions, Solution};
 use crate::unexplained::unexplained;
 use crate::whiteness::{kurtosis, whiteness_statistic};
-use crate::whitening::NoiseModel;
 
-/// Margin by which a formula must be better than the catalogue: odds of e⁵, 150 to one.
-const FORMULA_MARGIN: f64 = 10.0;
 /// χ² of two degrees of freedom that a walk of constant growth exceeds once in a thousand recordings.
 const CHANGED_CHI2: f64 = 13.8;
-/// Version of the search beside the model's lists. It changes with grids, families and null recordings, so that stored thresholds never
-/// apply to another search.
-const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 17");
-
-/// Options of [`diagnose_rows`].
-pub struct DiagnosisOptions<'a> {
-    /// Seed of the null recordings.
-    pub seed: u64,
-    /// Time at which the unit's clock was 0, ns, for recordings without receive times.
-    pub clock_start_ns: i64,
-    /// Manoeuvres on the time scale of the recording; without them the motion itself determines the segments.
-    pub manoeuvres: Option<&'a [ManoeuvreWindow]>,
-    /// Reads stored thresholds by their key.
-    pub known: &'a (dyn Fn(u64) -> Option<Thresholds> + Sync),
-    /// Stores new thresholds.
-    pub keep: &'a (dyn Fn(u64, &Thresholds) + Sync),
-    /// Receives the name of each step at its start.
-    pub progress: &'a (dyn Fn(&str) + Sync),
-}
-
 /// Diagnoses a decoded recording, exact checks included.
 ///
 /// # Errors
@@ -78,6 +52,7 @@ pub fn diagnose_rows(
     let solution = Solution::new(&measured, nominal, options, true);
     let mut findings = checked.findings;
     findings.extend(solution.is_closed_loop().then(|| closed_loop(solution.correlation)));
+    findings.extend(measured.smoothed.as_deref().and_then(glitches));
     let angles = solution.needs_angles().then(|| solution.dequantised());
     let second = angles.as_ref().map(|angles| Solution::new(angles, nominal, options, false));
     let raw = raw.or_else(|| angles.is_some().then(|| measured.clone()));
@@ -88,151 +63,6 @@ pub fn diagnose_rows(
     let DiagnosisOptions { manoeuvres, seed, .. } = *options;
     let report = Report { entries, start, raw: raw.as_ref(), manoeuvres, seed };
     Ok(report.finish(selected, findings))
-}
-
-/// The selected model of a recording, and what it was selected with.
-struct Solution<'a> {
-    case: DiagnosisCase<'a>,
-    start: ModelState,
-    /// Signatures of which alternatives are taken.
-    bank: SignatureBank,
-    thresholds: Thresholds,
-    selected: SelectedModel,
-    /// Of the rounding with the motion.
-    correlation: f64,
-}
-
-impl<'a> Solution<'a> {
-    fn new(
-        measured: &'a MeasuredData,
-        nominal: &'a Configuration,
-        options: &DiagnosisOptions,
-        has_counts: bool,
-    ) -> Solution<'a> {
-        let progress = options.progress;
-        progress("signatures");
-        let mut case = DiagnosisCase::new(measured, nominal);
-        let catalogue = SignatureBank::new(measured, nominal);
-        let before = measured.run(nominal, Shifts::default());
-        let noise = noise::configured(nominal, measured, &case.rounding, &measured.residual(&before));
-        let start = case.start(noise);
-        // Rounding depends on the rate: that of the fitted scale factors and drifts.
-        let mut fitted = start.clone();
-        case.fit(&mut fitted);
-        let path = case.run(&fitted);
-        case.rounding = Arc::new(rounding(measured, &path));
-        let noise = noise::configured(nominal, measured, &case.rounding, &measured.residual(&path));
-        let start = case.start(noise);
-        let correlation = if has_counts { correlation_with_motion(measured, &path) } else { 0.0 };
-        // In a closed loop the signatures of small motions contain the rounding, and dequantised angles follow one path.
-        let has_formulas = has_counts && correlation <= CLOSED_LOOP;
-        let formulas = LazyCell::new(|| match has_formulas {
-            true => catalogue.formulas(measured, nominal),
-            false => catalogue.without_signatures(),
-        });
-        let all = LazyCell::new(|| catalogue.and(&formulas));
-        let key = key(measured, &path, &noise, options.seed);
-        let thresholds = (options.known)(key).unwrap_or_else(|| {
-            progress("thresholds");
-            let found = thresholds(&case, &all, &path, &case.fit(&mut start.clone()), &noise, options.seed);
-            (options.keep)(key, &found);
-            found
-        });
-        progress("search");
-        let pass = |per_gyro: usize| {
-            let effects = select_model(&case, &catalogue, &thresholds, &start, per_gyro);
-            if !effects.is_cut && is_noise(&effects, &thresholds) && !effects.is_doubtful(&case, &formulas, &thresholds)
-            {
-                return effects;
-            }
-            progress("formulas");
-            let other = select_model(&case, &all, &thresholds, &start, per_gyro);
-            // A transient is as unlikely as a formula.
-            let margin = if effects.has_transient() { 0.0 } else { FORMULA_MARGIN };
-            let is_better = other.requires_formula(&case)
-                && other.score(&case, &thresholds) + margin < effects.score(&case, &thresholds);
-            if is_better { other } else { effects }
-        };
-        // A second effect on one gyro is rare: a formula is tried first.
-        let single = pass(1);
-        let mut selected = if single.is_cut { pass(MAX_PER_GYRO) } else { single };
-        merge_gyros(&case, &mut selected);
-        let needs_formulas = !selected.state.held.is_empty() || !is_noise(&selected, &thresholds);
-        let bank = if needs_formulas { catalogue.and(&formulas) } else { catalogue.clone() };
-        Solution { case, start, bank, thresholds, selected, correlation }
-    }
-
-    fn is_closed_loop(&self) -> bool {
-        self.correlation > CLOSED_LOOP
-    }
-
-    /// True if the motion answers the rounding and the counts do not agree with the model as given.
-    fn needs_angles(&self) -> bool {
-        let is_consistent = self.selected.state.held.is_empty() && is_noise(&self.selected, &self.thresholds);
-        self.is_closed_loop() && !is_consistent
-    }
-
-    /// The recording with angles along the path without effects, or with those selected.
-    fn dequantised(&self) -> MeasuredData {
-        let walks = std::array::from_fn(|gyro| self.start.noise[gyro].angle_walk);
-        let mut fitted = self.start.clone();
-        self.case.fit(&mut fitted);
-        let paths = [&fitted, &self.selected.state].map(|state| self.case.run(state));
-        self.case.measured.dequantised(&paths, walks)
-    }
-}
-
-fn is_noise(selected: &SelectedModel, thresholds: &Thresholds) -> bool {
-    whiteness_statistic(&selected.normal.projected_residual()).0 <= thresholds.whiteness_statistic
-}
-
-/// Key of thresholds: a hash of all that they depend on, i.e. search, motion, usable blocks and noise.
-fn key(measured: &MeasuredData, path: &Series, noise: &[NoiseModel; CHANNELS], seed: u64) -> u64 {
-    // FNV-1a.
-    let mut hash = 0xcbf2_9ce4_8422_2325u64;
-    let mut push = |bytes: &[u8]| {
-        for byte in bytes {
-            hash = (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3);
-        }
-    };
-    let tenths = |value: f64| ((value * 10.0).round() as i64).to_le_bytes();
-    push(SEARCH.as_bytes());
-    push(&seed.to_le_bytes());
-    AmplitudeRef::all().iter().for_each(|amplitude| push(amplitude.code().as_bytes()));
-    measured.electronics_c().into_iter().for_each(|celsius| push(&tenths(celsius)));
-    for weights in measured.weights.iter().flatten() {
-        weights.iter().step_by(BLOCK).for_each(|weight| push(&tenths(*weight)));
-    }
-    for channel in 0..CHANNELS {
-        for block in &measured.blocks[channel] {
-            push(&[u8::from(block.is_good), u8::from(block.restarts)]);
-        }
-        push(&noise[channel].angle_walk.to_le_bytes());
-        push(&noise[channel].rate_walk.to_le_bytes());
-        // Tenths only: the white noise is estimated from data on which a threshold should not depend.
-        push(&tenths(noise[channel].white.ln()));
-        path[channel].iter().step_by(BLOCK).for_each(|value| push(&tenths(*value)));
-    }
-    hash
-}
-
-/// Joins hypotheses of one amplitude on several gyros if their values agree.
-fn merge_gyros(case: &DiagnosisCase, selected: &mut SelectedModel) {
-    loop {
-        let held = &selected.state.held;
-        let pair = (0..held.len()).flat_map(|one| (one + 1..held.len()).map(move |other| (one, other))).find(|pair| {
-            let (one, other) = (&held[pair.0], &held[pair.1]);
-            let agree = one.hypothesis.parameters().iter().zip(other.hypothesis.parameters()).enumerate().all(
-                |(index, (a, b))| {
-                    let sigma = one.sigmas[index].hypot(other.sigmas[index]);
-                    a.value == b.value || (a.value - b.value).abs() < SAME_SIGMAS * sigma
-                },
-            );
-            one.hypothesis.amplitude == other.hypothesis.amplitude && !one.hypothesis.amplitude.is_of_unit() && agree
-        });
-        let Some((one, other)) = pair else { return };
-        selected.join(case, one, other);
-    }
 }
 
 struct Report<'a> {
@@ -415,6 +245,19 @@ fn closed_loop(correlation: f64) -> Finding {
             "the motion follows the rounding of the counts (correlation {correlation:.2}): terms outside the catalogue are not searched"
         ),
     }
+}
+
+/// The finding of rows of the reference that are left out.
+fn glitches(smoothed: &SmoothedReference) -> Option<Finding> {
+    let (first_s, last_s) = (smoothed.glitches_s.first()?, smoothed.glitches_s.last()?);
+    Some(Finding {
+        kind: "reference-glitch".to_owned(),
+        place: if first_s == last_s { format!("{first_s:.1} s") } else { format!("{first_s:.1} to {last_s:.1} s") },
+        text: format!(
+            "rows of the reference far from those beside them: {}; they are left out",
+            smoothed.glitches_s.len()
+        ),
+    })
 }
 
 /// The finding of an electronics temperature that lags.

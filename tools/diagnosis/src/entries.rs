@@ -10,6 +10,7 @@ use crate::alternatives::{AMBIGUITY_CHI2, Alternative, Penalties, alternatives};
 use crate::amplitude::{AmplitudeRef, calibration_parameters};
 use crate::checks::WiringFault;
 use crate::discriminating_test::DiscriminatingTests;
+use crate::fitted_hypothesis::SAME_SIGMAS;
 use crate::gyros::{ALL_GYROS, is_within, only};
 use crate::hypothesis::Hypothesis;
 use crate::linear_algebra::increment_products;
@@ -28,8 +29,6 @@ const RECALIBRATED_SIGMAS: f64 = 4.0;
 pub const LAG_S: f64 = 0.010;
 /// Lag of the link, up to 5 ms (protocol/ICD.md): mean and 1 sigma.
 const LINK_LAG_S: (f64, f64) = (0.0025, 0.0025 / 1.732_050_807_568_877_2);
-/// Difference in sigmas below which two gyros have the same amplitude of an effect.
-pub const SAME_SIGMAS: f64 = 3.0;
 /// Minimum cosine between a calibration parameter and the effect that it is.
 const SAME: f64 = 0.9999;
 /// Minimum cosine of equal signatures.

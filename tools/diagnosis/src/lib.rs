@@ -5,7 +5,7 @@
 //! - the data: `time_origin`, `measured`, `residual_stats`, `motion_segments`, and the exact checks, `checks`, which yield each `finding`;
 //! - signatures: `courses`, `signature_bank`, `shape_search`;
 //! - statistics: `linear_algebra`, `rounding`, `whitening`, `normal_equations`, `sweep`, `signature`, `spots`, `fitted_hypothesis`, `model_state` (a fit), `noise`, `whiteness`, `search`, `null_distribution`, `temperature_lag`;
-//! - the selection of hypotheses: `model_selection`;
+//! - the selection of hypotheses: `model_selection`, `solution`;
 //! - the report: `residual_map`, `alternatives`, `outcome` (types only), `discriminating_test`, `entries`, `cross_validation`, `unexplained`;
 //! - the whole: `diagnosis`, `report`.
 
@@ -38,6 +38,7 @@ pub mod search;
 mod shape_search;
 pub mod signature;
 pub mod signature_bank;
+mod solution;
 mod spots;
 mod sweep;
 mod temperature_lag;
@@ -47,10 +48,11 @@ mod unexplained;
 mod whiteness;
 pub mod whitening;
 
-pub use diagnosis::{DiagnosisOptions, diagnose_rows};
+pub use diagnosis::diagnose_rows;
 pub use finding::Finding;
 pub use measured::{MeasuredData, MeasuredError};
 pub use model_state::DiagnosisCase;
 pub use null_distribution::Thresholds;
 pub use outcome::{Diagnosis, Verdict};
 pub use signature_bank::SignatureBank;
+pub use solution::DiagnosisOptions;
