@@ -28,6 +28,7 @@ use crate::whiteness::{kurtosis, whiteness_statistic};
 
 /// χ² of two degrees of freedom that a walk of constant growth exceeds once in a thousand recordings.
 const CHANGED_CHI2: f64 = 13.8;
+
 /// Diagnoses a decoded recording, exact checks included.
 ///
 /// # Errors
@@ -83,7 +84,6 @@ impl Report<'_> {
         findings.extend(temperature_lag(&selected.state.shifts));
         let mut entries = self.entries.faults();
         entries.extend(self.entries.effects(&selected));
-        entries.extend(self.entries.noises(&selected));
         entries.extend(self.entries.lag(&mut selected));
         entries.extend(self.entries.recalibrations(&selected.state));
         // What moves the calibration of an unexplained gyro is not known.
@@ -92,10 +92,14 @@ impl Report<'_> {
         let shifts = selected.state.shifts;
         let refused =
             refuse(&mut entries, &mut unexplained_gyros, |entries| self.gap_with(entries.iter().copied(), shifts));
-        for (entry, _) in &refused {
-            selected.drop_stated(case, entry);
+        refused.iter().for_each(|(entry, _)| selected.drop_stated(case, entry));
+        if !refused.is_empty() {
+            selected.reset_noise(case, &unexplained_gyros);
             left = selected.normal.projected_residual();
         }
+        let noises = self.entries.noises(&selected);
+        let effects_end = entries.iter().take_while(|entry| entry.class == Class::MissingEffect).count();
+        entries.splice(effects_end..effects_end, noises);
         let effects = refused.iter().filter(|(entry, _)| entry.class == Class::MissingEffect);
         findings.extend(effects.map(admission::finding));
         let is_missing = entries.iter().any(|entry| entry.class == Class::MissingEffect);

@@ -8,8 +8,12 @@ use crate::residual_stats::ResidualStats;
 /// Entries that are not stated, each with the reason.
 pub type Refused = Vec<(DiagnosedEffect, &'static str)>;
 
+/// Growth of the squared gap by one entry that refuses it whatever χ² does, as a share: the residual of a true effect with a
+/// well-determined amplitude grows by its own error only.
+const LARGER: f64 = 0.1;
+
 /// Removes the entries that may not be stated: one below its own threshold, a changed calibration of a gyro left unexplained, and one
-/// that makes gap and χ² larger beside all others, by `gap`.
+/// that makes the gap larger beside all others, by [`LARGER`] or with χ².
 ///
 /// The gyros of a refused effect are unexplained.
 pub fn refuse(
@@ -50,7 +54,8 @@ fn first_refused(
                 let others: Vec<&DiagnosedEffect> =
                     entries.iter().filter(|other| !std::ptr::eq(*other, entry)).collect();
                 let without = gap(&others);
-                entry.chi2.is_some() && without.squares < with.squares && without.reduced_chi2 < with.reduced_chi2
+                let is_larger = without.squares < with.squares && without.reduced_chi2 < with.reduced_chi2;
+                entry.chi2.is_some() && (is_larger || (1.0 + LARGER) * without.squares < with.squares)
             };
             of("it makes the gap larger", &is_harmful)
         })
