@@ -60,7 +60,8 @@ impl TrialMotion {
     /// A duration that is too short for a diagnosis.
     pub fn new(nominal: Configuration, duration_s: f64) -> Result<TrialMotion, MeasuredError> {
         let recording = simulate(&nominal, duration_s);
-        TrialMotion::of_recording(nominal, &recording.rows, &recording.reference)
+        let motion = TrialMotion::of_recording(nominal, &recording.rows, &recording.reference)?;
+        Ok(TrialMotion { duration_s, ..motion })
     }
 
     /// The motion of an effect-free recording of the nominal unit.
