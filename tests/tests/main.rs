@@ -11,6 +11,7 @@ mod diagnose;
 mod diagnose_gap;
 mod diagnose_page;
 mod diagnose_rates;
+mod diagnose_real;
 mod diagnose_short;
 mod exit_codes;
 mod faults;

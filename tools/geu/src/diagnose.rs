@@ -72,7 +72,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     }
     let settings = ConfigArgs::from(&arguments.unit);
     let nominal = settings.read()?;
-    let reference = ReferenceAttitude::read(&arguments.reference).map_err(CommandError::input)?;
+    let reference = ReferenceAttitude::read_with_gaps(&arguments.reference).map_err(CommandError::input)?;
     let recording = DecodedRecording::read(&arguments.link, arguments.evaluation.base)?;
     let windows = arguments.evaluation.windows()?;
     let bar = ProgressBar::new_spinner();

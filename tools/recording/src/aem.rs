@@ -245,7 +245,7 @@ pub(crate) fn parse(
         place.line += 1;
         return Err(place.wrong("message", "a segment of data up to DATA_STOP", "the end of the file"));
     };
-    ReferenceAttitude::from_turns(name, start_ns.unwrap_or(0), &rows, &lines, Some(layout.time_system))
+    ReferenceAttitude::from_turns(name, start_ns.unwrap_or(0), &rows, &lines, Some(layout.time_system), false)
 }
 
 /// An epoch, calendar or day of year, as ns since 1970 in its own time system.

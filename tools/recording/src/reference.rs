@@ -66,6 +66,15 @@ impl ReferenceAttitude {
         ReferenceAttitude::of_rows(name, open_rows(Path::new(name)).map_err(TableError::read(name, REFERENCE))?)
     }
 
+    /// Reads a file of which the quaternions may leave gaps: they state the attitude after a gap, rates do not.
+    ///
+    /// # Errors
+    /// [`TableError`], with the line.
+    pub fn read_with_gaps(name: &str) -> Result<ReferenceAttitude, TableError> {
+        let rows = open_rows(Path::new(name)).map_err(TableError::read(name, REFERENCE))?;
+        ReferenceAttitude::of_table(name, rows, true)
+    }
+
     /// Reads a text; errors call it `name`.
     ///
     /// # Errors
@@ -78,7 +87,15 @@ impl ReferenceAttitude {
     ///
     /// # Errors
     /// [`TableError`], with the line.
-    pub fn of_rows(name: &str, mut rows: RowReader<impl Read>) -> Result<ReferenceAttitude, TableError> {
+    pub fn of_rows(name: &str, rows: RowReader<impl Read>) -> Result<ReferenceAttitude, TableError> {
+        ReferenceAttitude::of_table(name, rows, false)
+    }
+
+    fn of_table(
+        name: &str,
+        mut rows: RowReader<impl Read>,
+        allows_gaps: bool,
+    ) -> Result<ReferenceAttitude, TableError> {
         let head = rows.first_lines().map_err(TableError::read(name, REFERENCE))?;
         let first = head.iter().map(|line| line.trim()).find(|line| !line.is_empty() && !line.starts_with("COMMENT"));
         if first.is_some_and(|line| line.starts_with(aem::FIRST_KEYWORD)) {
@@ -121,7 +138,8 @@ impl ReferenceAttitude {
                 rows[row].angle_control_arcsec = rows[row].angle_control_arcsec.map(|rate| rate * length_s);
             }
         }
-        ReferenceAttitude::from_turns(name, base_ns.unwrap_or(0), &rows, &lines, None)
+        let is_attitude = matches!(columns.motion, Motion::Quaternions(_));
+        ReferenceAttitude::from_turns(name, base_ns.unwrap_or(0), &rows, &lines, None, allows_gaps && is_attitude)
     }
 
     /// The truth from rows with times since `base_ns`; the motion starts at the first.
@@ -131,8 +149,10 @@ impl ReferenceAttitude {
         rows: &[AttitudeRow],
         lines: &[u64],
         time_system: Option<String>,
+        allows_gaps: bool,
     ) -> Result<ReferenceAttitude, TableError> {
-        let truth = RecordedAttitude::new(rows).map_err(|source| {
+        let read = if allows_gaps { RecordedAttitude::with_gaps } else { RecordedAttitude::new };
+        let truth = read(rows).map_err(|source| {
             let line = source.index().and_then(|index| lines.get(index).copied()).unwrap_or(1);
             TableError::Rows { name: name.to_owned(), line, source }
         })?;

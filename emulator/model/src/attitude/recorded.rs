@@ -72,6 +72,12 @@ pub fn median_spacing_s(rows: &[AttitudeRow]) -> Option<f64> {
     (!spacings.is_empty()).then(|| *spacings.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
+/// Indices of the rows after a gap.
+fn gaps(rows: &[AttitudeRow]) -> Vec<usize> {
+    let limit_s = median_spacing_s(rows).map_or(f64::INFINITY, |spacing_s| GAP_SPACINGS * spacing_s);
+    (1..rows.len()).filter(|&row| rows[row].t_s - rows[row - 1].t_s > limit_s).collect()
+}
+
 /// A truth read from a file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordedAttitude {
@@ -91,6 +97,22 @@ impl RecordedAttitude {
     /// # Errors
     /// Rows that overlap, leave a gap, or are too few.
     pub fn new(rows: &[AttitudeRow]) -> Result<RecordedAttitude, AttitudeRowsError> {
+        match gaps(rows).first() {
+            Some(&index) => {
+                RecordedAttitude::with_gaps(rows)?;
+                let (before, row) = (&rows[index - 1], &rows[index]);
+                let spacing_s = median_spacing_s(rows).unwrap_or_default();
+                Err(AttitudeRowsError::Gap { index, t_s: row.t_s, gap_s: row.t_s - before.t_s, spacing_s })
+            }
+            None => RecordedAttitude::with_gaps(rows),
+        }
+    }
+
+    /// Reads rows that may leave gaps, in which the motion is not known.
+    ///
+    /// # Errors
+    /// Rows that overlap or are too few.
+    pub fn with_gaps(rows: &[AttitudeRow]) -> Result<RecordedAttitude, AttitudeRowsError> {
         let intervals = rows.len().saturating_sub(1);
         if intervals < 3 {
             return Err(AttitudeRowsError::TooFew(intervals));
@@ -105,15 +127,10 @@ impl RecordedAttitude {
                 return Err(AttitudeRowsError::NotFinite { index, value });
             }
         }
-        let spacing_s = median_spacing_s(rows).expect("more than one row");
         for (index, pair) in rows.windows(2).enumerate() {
             let (index, before_s, t_s) = (index + 1, pair[0].t_s, pair[1].t_s);
             if t_s <= before_s {
                 return Err(AttitudeRowsError::NotRising { index, t_s, before_s });
-            }
-            let gap_s = t_s - before_s;
-            if gap_s > GAP_SPACINGS * spacing_s {
-                return Err(AttitudeRowsError::Gap { index, t_s, gap_s, spacing_s });
             }
         }
         let t_s: Vec<f64> = rows.iter().map(|row| row.t_s).collect();
@@ -157,6 +174,15 @@ impl RecordedAttitude {
     pub fn rows(&self) -> impl Iterator<Item = (f64, [f64; 3])> + '_ {
         let angle = |row: usize| self.angle_control_arcsec.each_ref().map(|axis| axis[row]);
         self.t_s.iter().enumerate().map(move |(row, &t_s)| (t_s, angle(row)))
+    }
+
+    /// Start and end of each gap between rows, s.
+    pub fn gaps_s(&self) -> Vec<[f64; 2]> {
+        let mut spacings: Vec<f64> = self.t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let middle = spacings.len() / 2;
+        let limit_s = GAP_SPACINGS * *spacings.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let is_gap = |pair: &&[f64]| pair[1] - pair[0] > limit_s;
+        self.t_s.windows(2).filter(is_gap).map(|pair| [pair[0], pair[1]]).collect()
     }
 
     /// End of the last row's interval.

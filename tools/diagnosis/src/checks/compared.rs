@@ -22,6 +22,12 @@ const MAX_UNCOVERED: usize = 2;
 const SLOW_S: f64 = 2.0;
 /// Largest change of the mean rate from row to row of a steady motion, arcsec/s: ordinary errors of a count are as large.
 const STEADY_ARCSEC_S: f64 = 16.0;
+/// Turn there and back of a single row that is off, arcsec: above the noise of a reference.
+const GLITCH_ARCSEC: f64 = 50.0;
+/// Spacings of rows beside a gap or such a row in which the spline through it is not the motion: the kink decays by 3.7 from row to row.
+const BESIDE_GAP: f64 = 10.0;
+/// Intervals beside each other that may overlap a sample.
+const OVERLAPPING: usize = 32;
 /// Limit of the counts, relative to the largest predicted count and absolute. Counts above it do not come from wiring if few.
 const OUTLIER: f64 = 2.0;
 const OUTLIER_COUNTS: f64 = 100.0;
@@ -82,11 +88,18 @@ impl CountComparison {
         let calibrations = configuration.gyros.each_ref().map(|gyro| gyro.calibration);
         let matrix = misalignment_matrix(&calibrations);
         let electronics = timeline.electronics(rows, configuration);
+        for gap_s in reference.truth.gaps_s() {
+            let [from_s, to_s] = gap_s.map(|t_s| t_s - offset_s);
+            let text =
+                format!("no row of the reference between {from_s:.1} and {to_s:.1} s: nothing is compared there");
+            findings.whole("reference-gap", None, text);
+        }
         let unsteady = unsteady(&reference.truth);
         let is_known = |row: usize| {
             let sample = [timeline.start_s(row), timeline.end_s[row]].map(|t_s| t_s + offset_s);
-            let next = unsteady.partition_point(|interval| interval[1] <= sample[0]);
-            unsteady.get(next).is_none_or(|interval| interval[0] >= sample[1])
+            let begun = unsteady.partition_point(|interval| interval[0] < sample[1]);
+            // Intervals overlap, but none is within another by more than these.
+            unsteady[begun.saturating_sub(OVERLAPPING)..begun].iter().all(|interval| interval[1] <= sample[0])
         };
         let mut near = 0;
         let mut angle = |t_s: f64| Vector3::from(reference.truth.at(t_s + offset_s, &mut near).0);
@@ -134,14 +147,28 @@ impl CountComparison {
     }
 }
 
-/// Intervals in which the motion is not known, in order of time: those beside a row of a slow reference at which the mean rate changes.
+/// Intervals in which the motion is not known, in order of time: gaps, single rows that are off, and the rows of a slow reference beside
+/// which the mean rate changes.
 fn unsteady(reference: &RecordedAttitude) -> Vec<[f64; 2]> {
     let rows: Vec<(f64, Vector3<f64>)> = reference.rows().map(|(t_s, angle)| (t_s, angle.into())).collect();
+    let rate = |from: usize| (rows[from + 1].1 - rows[from].1) / (rows[from + 1].0 - rows[from].0);
     let mut spacings: Vec<f64> = rows.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
-    if median(&mut spacings) <= SLOW_S {
-        return Vec::new();
+    let spacing_s = median(&mut spacings);
+    let beside_s = BESIDE_GAP * spacing_s;
+    let mut unknown = reference.gaps_s();
+    // Such a row turns there and back.
+    let is_off = |row: &usize| {
+        let [before, there, back, after] = [row - 2, row - 1, *row, row + 1].map(rate);
+        let (off, mean) = ((there - back).amax() / 2.0, ((there + back - before - after) / 2.0).amax());
+        off * spacing_s > GLITCH_ARCSEC && off > 4.0 * mean
+    };
+    unknown.extend((2..rows.len().saturating_sub(2)).filter(is_off).map(|row| [rows[row].0; 2]));
+    unknown.iter_mut().for_each(|gap_s| *gap_s = [gap_s[0] - beside_s, gap_s[1] + beside_s]);
+    if spacing_s > SLOW_S {
+        let changes =
+            (1..rows.len().saturating_sub(1)).filter(|&row| (rate(row) - rate(row - 1)).amax() > STEADY_ARCSEC_S);
+        unknown.extend(changes.map(|row| [rows[row - 1].0, rows[row + 1].0]));
     }
-    let rate = |pair: &[(f64, Vector3<f64>)]| (pair[1].1 - pair[0].1) / (pair[1].0 - pair[0].0);
-    let changes = rows.windows(3).filter(|three| (rate(&three[1..]) - rate(three)).amax() > STEADY_ARCSEC_S);
-    changes.map(|three| [three[0].0, three[2].0]).collect()
+    unknown.sort_by(|one, other| one[0].total_cmp(&other[0]));
+    unknown
 }

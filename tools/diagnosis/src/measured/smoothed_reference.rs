@@ -69,7 +69,8 @@ impl Row {
 }
 
 impl SmoothedReference {
-    /// Smooths a reference on the time scale of the counts; `None` if it is exact and fast, or the times do not rise.
+    /// Smooths a reference on the time scale of the counts; `None` if it is exact, fast and without gaps, or the times do not
+    /// rise.
     pub fn new(
         counts: &AccumulatedCounts,
         reference: &RecordedAttitude,
@@ -85,7 +86,9 @@ impl SmoothedReference {
         let sigma_arcsec = Vector3::from_fn(|axis, _| second_difference_sigma(&rows, axis));
         let mut spacings: Vec<f64> = rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
         let spacing_s = median(&mut spacings);
-        if sigma_arcsec.max() < EXACT_ARCSEC && spacing_s <= MAX_SPACING_S || rows.len() <= 2 * REACH_ROWS {
+        let has_gaps = !reference.gaps_s().is_empty();
+        let is_exact = sigma_arcsec.max() < EXACT_ARCSEC && spacing_s <= MAX_SPACING_S && !has_gaps;
+        if is_exact || rows.len() <= 2 * REACH_ROWS {
             return None;
         }
         smooth(&mut rows);
