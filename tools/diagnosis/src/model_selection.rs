@@ -112,6 +112,7 @@ fn grow(
         now.shift_temperature(case, bank, thresholds);
         now.free_shapes(case);
         now.round_count(case);
+        now.join_lagged(case, bank, thresholds);
     }
     now
 }

@@ -59,6 +59,27 @@ impl SelectedModel {
         }
     }
 
+    /// Replaces the last hypothesis and another of the same amplitude and gyros, if both follow the temperature, by an effect of
+    /// the lagged temperature: a value and its rate of change are to first order that value at another time.
+    pub(super) fn join_lagged(&mut self, case: &DiagnosisCase, bank: &SignatureBank, thresholds: &Thresholds) {
+        let key = |held: &FittedHypothesis| (held.hypothesis.amplitude.constant(), held.hypothesis.gyros);
+        let Some((last, others)) = self.state.held.split_last().filter(|(last, _)| last.follows_temperature()) else {
+            return;
+        };
+        let is_same = |other: &FittedHypothesis| other.follows_temperature() && key(other) == key(last);
+        let Some(index) = others.iter().position(is_same) else { return };
+        let both = self.normal.squares() + last.penalty + others[index].penalty;
+        let mut single = self.state.clone();
+        single.held.pop();
+        let is_accepted = |late: &LaggedFit| passes_cross_validation(&late.held().held_out) && is_possible(late.held());
+        let penalty = |family, own: &_| thresholds.penalty(family, own);
+        let Some(late) = likeliest(case, bank, &single, index, &penalty, &is_accepted) else { return };
+        if late.score() < both {
+            self.remove(self.state.held.len() - 1);
+            (self.state, self.normal) = (late.state, late.normal);
+        }
+    }
+
     /// Rounds the last hypothesis to a whole number if it is a number of counts.
     pub(super) fn round_count(&mut self, case: &DiagnosisCase) {
         let index = self.state.held.len() - 1;
