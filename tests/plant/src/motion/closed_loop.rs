@@ -49,7 +49,7 @@ impl ClosedLoop {
         let mut end_s = random.uniform(300.0, 600.0);
         while end_s < duration_s {
             let axis = if slews.len() < 6 { slews.len() / 2 } else { random.one_of(&[0, 1, 2]) };
-            let sign = if slews.len() % 2 == 0 { 1.0 } else { -1.0 };
+            let sign = if slews.len().is_multiple_of(2) { 1.0 } else { -1.0 };
             let duration_s = random.uniform(30.0, 90.0) * ARCSEC_PER_DEG / SLEW_ARCSEC_S;
             slews.push(Slew { start_s: end_s, axis, rate: sign * SLEW_ARCSEC_S, duration_s });
             end_s += duration_s + random.uniform(150.0, 500.0);
