@@ -8,7 +8,7 @@ use crate::{GYROS, Gyro};
 /// Suffixes of time courses; a longer one before its own end.
 const COURSES: [&str; 7] = ["-temperature-rate", "-temperature", "-step", "-ramp", "-periodic", "-settling", "-pulse"];
 
-/// An effect: a code, with a suffix of [`COURSES`] for a time course, and its numbers by their configuration names.
+/// An effect: a code, with a suffix of `COURSES` for a time course, and its numbers by their configuration names.
 #[derive(Debug, Clone)]
 pub struct PlantedEffect {
     /// `drift-ramp`, or `product rate_x*abs(rate_z)`.

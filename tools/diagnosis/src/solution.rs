@@ -118,8 +118,9 @@ impl<'a> Solution<'a> {
 
     /// True if the motion answers the rounding and the counts do not agree with the model as given.
     pub fn needs_angles(&self) -> bool {
+        let is_overfitted = self.selected.overfitted_gyros(self.case.nominal).contains(&true);
         let is_consistent = self.selected.state.held.is_empty() && is_noise(&self.selected, &self.thresholds);
-        self.is_closed_loop() && !is_consistent
+        self.is_closed_loop() && (is_overfitted || !is_consistent)
     }
 
     /// The recording with angles along the path without effects, or with those selected.

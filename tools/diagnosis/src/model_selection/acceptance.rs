@@ -79,7 +79,8 @@ impl SelectedModel {
         })
     }
 
-    /// Rejects a candidate: its score with the white noise fitted without it.
+    /// Rejects a candidate: its score with the white noise fitted without it. Where angles are dequantised, the signatures of small motions
+    /// contain the rounding that the motion answers, so that a candidate that is not acceptable is no evidence.
     pub(super) fn reject(
         &mut self,
         case: &DiagnosisCase,
@@ -87,6 +88,10 @@ impl SelectedModel {
         thresholds: &Thresholds,
         candidate: &Candidate,
     ) {
+        let weights = &case.measured.weights;
+        if candidate.hypothesis.gyros.iter().zip(weights).any(|(is_own, weights)| *is_own && weights.is_some()) {
+            return;
+        }
         let noise = self.fitted_white(case);
         let (residual, columns) = case.linearised(&mut self.state);
         let normal = NormalEquations::new(case.whitenings(&noise), &residual, &columns, &self.state.calibration);
