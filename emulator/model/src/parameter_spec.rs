@@ -57,6 +57,8 @@ pub enum Role {
     Phase,
     /// A time constant.
     TimeConstant,
+    /// A width within which something changes.
+    Width,
     /// The value that something returns to.
     PreferredValue,
 }

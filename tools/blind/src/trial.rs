@@ -133,7 +133,7 @@ impl<'a> TrialGenerator<'a> {
             }
             (Role::Period, _) => self.log_between([SHORTEST_PERIOD_S.min(duration_s), duration_s]),
             (Role::Phase, _) => self.between([0.0, TAU]),
-            (Role::TimeConstant, DefaultValue::Value(value)) => {
+            (Role::TimeConstant | Role::Width, DefaultValue::Value(value)) => {
                 let limits = [value / TIME_FACTOR, value * TIME_FACTOR];
                 self.log_between(limits).clamp(number.min, number.max)
             }

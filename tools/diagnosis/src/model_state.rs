@@ -329,7 +329,7 @@ fn max_change(parameter: &HypothesisParameter) -> f64 {
         Role::Onset | Role::Duration => 300.0,
         Role::Phase => 0.5,
         Role::Period => 0.1 * parameter.value.abs(),
-        Role::TimeConstant => 0.5 * parameter.value.abs(),
+        Role::TimeConstant | Role::Width => 0.5 * parameter.value.abs(),
         _ => f64::INFINITY,
     }
 }

@@ -34,8 +34,8 @@ const SIZE_FACTOR: f64 = 1.5;
 const MIN_SIZE: f64 = 0.002;
 /// Values, over the one that was run, for which a nonlinear signature is valid. The neighbouring runs lie within.
 const NEAR_SIZES: Range<f64> = 0.4..2.5;
-/// Factor between neighbouring time constants.
-const TIME_FACTOR: f64 = 3.0;
+/// Factor between neighbouring time constants, and between widths.
+const SHAPE_FACTOR: f64 = 3.0;
 /// Blocks after a jump of the angle that are evaluated: the filter forgets it.
 const JUMP_BLOCKS: usize = 120;
 /// Blocks between the onsets of an immediate effect.
@@ -322,7 +322,7 @@ impl SignatureBank {
     }
 }
 
-/// Searched values of an effect's shape parameters, defaults first: time constants on a grid; others at their default until they are
+/// Searched values of an effect's shape parameters, defaults first: time constants and widths on a grid; others at their default until they are
 /// fitted. An effect of the configuration keeps its own.
 fn own_shapes(amplitude: &AmplitudeRef, configuration: &Configuration) -> Vec<Vec<f64>> {
     if let Some(configured) = amplitude.configured_shapes(configuration) {
@@ -338,13 +338,17 @@ fn own_shapes(amplitude: &AmplitudeRef, configuration: &Configuration) -> Vec<Ve
         .collect();
     let mut all = vec![defaults.clone()];
     for (index, number) in amplitude.own_shapes().iter().enumerate() {
-        let is_time = number.role == Role::TimeConstant && number.min > 0.0;
-        if !is_time || !defaults[index].is_finite() {
+        let shortest = match number.role {
+            Role::TimeConstant => SHORTEST_BLOCKS * BLOCK_S,
+            Role::Width => 0.0,
+            _ => continue,
+        };
+        if !defaults[index].is_finite() {
             continue;
         }
-        for factor in [TIME_FACTOR.powi(-2), 1.0 / TIME_FACTOR, TIME_FACTOR, TIME_FACTOR.powi(2)] {
+        for factor in [SHAPE_FACTOR.powi(-2), 1.0 / SHAPE_FACTOR, SHAPE_FACTOR, SHAPE_FACTOR.powi(2)] {
             let value = defaults[index] * factor;
-            if (number.min..=number.max).contains(&value) && value >= SHORTEST_BLOCKS * BLOCK_S {
+            if (number.min.max(shortest)..=number.max).contains(&value) {
                 let mut shapes = defaults.clone();
                 shapes[index] = value;
                 all.push(shapes);

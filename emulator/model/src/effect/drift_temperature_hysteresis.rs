@@ -12,7 +12,7 @@ effect! {
         /// Added to D at the warm end of the play; at the cold end subtracted.
         arcsec_per_h: 0.0, -3600.0..=3600.0, "arcsec/h";
         /// Width of the play of the electronics temperature.
-        width_k: 0.2, 0.001..=100.0, "K";
+        width_k: 0.2, 0.001..=100.0, "K", Width;
     }
     amplitudes: [{ per_day: 3600.0, per_k: 3600.0 }],
     paper: "0",
