@@ -6,6 +6,7 @@ mod model;
 mod model_cache;
 mod series;
 mod smoothed_reference;
+mod temperature;
 
 use std::sync::Arc;
 
@@ -21,6 +22,7 @@ pub use smoothed_reference::SmoothedReference;
 
 use model_cache::ModelCache;
 use series::TIMING_UNIT_S;
+use temperature::between_readings;
 
 /// Samples averaged into one block, 5 s. Rounding and the limit cycle average out; a missing effect changes an angle over minutes.
 pub const BLOCK: usize = 10;
@@ -115,22 +117,22 @@ impl MeasuredData {
     /// # Errors
     /// [`MeasuredError`], if there is not enough of either.
     pub fn new(
-        counts: AccumulatedCounts,
+        mut counts: AccumulatedCounts,
         reference: &ReferenceAttitude,
         nominal: &Configuration,
     ) -> Result<MeasuredData, MeasuredError> {
         if counts.is_empty() {
             return Err(MeasuredError::Empty);
         }
+        let readings = [&mut counts.electronics_c, &mut counts.sensor_c].into_iter();
+        readings.for_each(|celsius| *celsius = between_readings(celsius));
         let start_s = (reference.start_ns - counts.start_ns) as f64 * 1e-9;
         let reference = RecordedAttitude::clone(&reference.truth).starting_at(start_s);
         // Only within the reference, not at its ends, is the interpolating spline accurate.
         let is_covered = |node: usize| (start_s..=reference.end_s()).contains(&counts.node_s[node]);
         let samples = counts.node_s.partition_point(|&node_s| node_s <= reference.end_s()).saturating_sub(1);
         let mut late = vec![f64::NAN; counts.node_s.len()];
-        for &(node, late_s) in &counts.received_late_s {
-            late[node] = late_s / TIMING_UNIT_S;
-        }
+        counts.received_late_s.iter().for_each(|&(node, late_s)| late[node] = late_s / TIMING_UNIT_S);
         let block = |channel: usize, number: usize| match channel {
             TIMING => {
                 let is_good = nodes(number).any(|node| !late[node].is_nan());
