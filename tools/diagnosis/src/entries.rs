@@ -1,7 +1,7 @@
 //! The reported effects: hypotheses, noises, lag, calibration parameters and wiring faults, each with its parameters, alternatives and
 //! corrections of the configuration.
 
-use geu_model::effect::{AngleRandomWalk, DriftRandomWalk, Effect, GyroEffects};
+use geu_model::effect::{AngleRandomWalk, DriftRandomWalk, Effect, GyroEffects, ScaleFactorNoise};
 use geu_model::fault::{EffectList, ParameterRef};
 use geu_model::parameter_spec::ParameterSet;
 use geu_protocol::Gyro;
@@ -266,6 +266,7 @@ fn amplitude_of(walk: Walk) -> AmplitudeRef {
     let spec = match walk {
         Walk::Angle => AngleRandomWalk::SPEC,
         Walk::Rate => DriftRandomWalk::SPEC,
+        Walk::Scale => ScaleFactorNoise::SPEC,
     };
     let effect = GyroEffects::SPECS.iter().position(|other| *other == spec).expect("an effect of the list");
     AmplitudeRef::new(ParameterRef { list: EffectList::Head, effect, number: 0 }, None)

@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 
 use geu_model::Configuration;
+use geu_model::effect::GyroEffects;
 use nalgebra::{DMatrix, DVector};
 
 use crate::linear_algebra::{dot, factored, inverse_roots, lower};
@@ -38,6 +39,22 @@ pub enum Walk {
     Angle,
     /// Rate random walk.
     Rate,
+    /// Angle random walk in proportion to the rate: white noise of the scale factor.
+    Scale,
+}
+
+impl Walk {
+    /// Each.
+    pub const ALL: [Walk; 3] = [Walk::Angle, Walk::Rate, Walk::Scale];
+
+    /// Growth among the effects of a gyro.
+    pub fn growth(self, effects: &GyroEffects) -> f64 {
+        match self {
+            Walk::Angle => effects.angle_random_walk.arcsec_per_sqrt_s,
+            Walk::Rate => effects.drift_random_walk.arcsec_per_s_per_sqrt_s,
+            Walk::Scale => effects.scale_factor_noise.ppm_sqrt_s,
+        }
+    }
 }
 
 impl NoiseModel {
@@ -46,6 +63,7 @@ impl NoiseModel {
         match walk {
             Walk::Angle => self.angle_walk,
             Walk::Rate => self.rate_walk,
+            Walk::Scale => self.scale_walk,
         }
     }
 
@@ -55,6 +73,7 @@ impl NoiseModel {
         match walk {
             Walk::Angle => self.angle_walk = value,
             Walk::Rate => self.rate_walk = value,
+            Walk::Scale => self.scale_walk = value,
         }
         self
     }
@@ -70,17 +89,16 @@ pub fn configured(
     residual: &Series,
 ) -> [NoiseModel; CHANNELS] {
     std::array::from_fn(|channel| {
-        let variance = second_differences(&residual[channel], &measured.blocks[channel], &rounding[channel]);
-        let (angle_walk, rate_walk) = match configuration.gyros.get(channel).map(|gyro| &gyro.effects.constant) {
-            Some(own) => (own.angle_random_walk.arcsec_per_sqrt_s, own.drift_random_walk.arcsec_per_s_per_sqrt_s),
-            None => (0.0, 0.0),
-        };
+        let effects = configuration.gyros.get(channel).map(|gyro| &gyro.effects.constant);
+        let [angle_walk, rate_walk, scale_walk] = Walk::ALL.map(|walk| effects.map_or(0.0, |own| walk.growth(own)));
+        let variance =
+            second_differences(&residual[channel], &measured.blocks[channel], &rounding[channel], scale_walk);
         // The second difference of a walk contains two of its steps, each averaged over a ramp: 2/3 of a whole step, and −1/6 with its
         // neighbour; 1 in all.
         let white = (variance - angle_walk.powi(2) * BLOCK_S) / 6.0;
         let is_dequantised = measured.weights.get(channel).is_some_and(Option::is_some);
         let min = if is_dequantised { 0.0 } else { min_white(channel) };
-        NoiseModel { white: white.max(min), angle_walk, rate_walk }
+        NoiseModel { white: white.max(min), angle_walk, rate_walk, scale_walk }
     })
 }
 
@@ -89,9 +107,9 @@ fn min_white(channel: usize) -> f64 {
     if channel == TIMING { MIN_TIMING.powi(2) } else { MIN_WHITE }
 }
 
-/// Variance of second differences without that of rounding: from the median of their absolute values in each window, averaged over the
+/// Variance of second differences without that of rounding and of a noisy scale factor: from the median of their absolute values in each window, averaged over the
 /// windows except the extreme tenths. 0 without data.
-fn second_differences(series: &[f64], blocks: &[Block], rounding: &[BlockRounding]) -> f64 {
+fn second_differences(series: &[f64], blocks: &[Block], rounding: &[BlockRounding], scale_walk: f64) -> f64 {
     let of_window = |((values, blocks), rounding): ((&[f64], &[Block]), &[BlockRounding])| {
         let compared: Vec<usize> = (0..blocks.len()).filter(|&block| blocks[block].is_compared).collect();
         // A slow reference has no rows in some blocks: evenly spaced neighbours without a break between them.
@@ -106,7 +124,8 @@ fn second_differences(series: &[f64], blocks: &[Block], rounding: &[BlockRoundin
                     2 => rounding[last].second_difference,
                     _ => rounding[first].variance + 4.0 * rounding[middle].variance + rounding[last].variance,
                 };
-                ((values[first] - 2.0 * values[middle] + values[last]).abs(), rounded)
+                let scale = scale_walk.powi(2) * rounding[middle].scale_walk;
+                ((values[first] - 2.0 * values[middle] + values[last]).abs(), rounded + scale)
             })
             .unzip();
         let rounded = median(&mut roundings);
@@ -190,6 +209,23 @@ fn likeliest_white(channel: usize, log_white: f64, deviance: impl Fn(f64) -> f64
     minimise(log_white - WHITE_RANGE, log_white + WHITE_RANGE, deviance).max(min_white(channel).ln())
 }
 
+/// Logarithm of the growth from which a walk is fitted; `None` for noise of the scale factor of a gyro that does not turn.
+fn start(case: &DiagnosisCase, channel: usize, noise: &NoiseModel, walk: Walk) -> Option<f64> {
+    let white = noise.white.sqrt();
+    let growth = match (noise.walk(walk), walk) {
+        (configured, _) if configured > 0.0 => configured,
+        (_, Walk::Angle) => white * 1e-2,
+        (_, Walk::Rate) => white * 1e-5,
+        (_, Walk::Scale) => {
+            // As large an angle as that of the angle random walk over the whole recording.
+            let blocks = &case.rounding[channel];
+            let of_unit: f64 = blocks.iter().map(|block| block.scale_walk).sum();
+            white * 1e-2 * (blocks.len() as f64 * BLOCK_S / of_unit).sqrt()
+        }
+    };
+    growth.is_finite().then(|| growth.ln())
+}
+
 /// Fits one walk of one channel together with the white noise. A walk that is no larger than `noise` has stays as it is.
 pub fn fit(
     case: &DiagnosisCase,
@@ -200,10 +236,8 @@ pub fn fit(
     nuisances: &[Nuisance],
 ) -> FittedNoise {
     let deviance = deviance(case, channel, Cow::Borrowed(&case.measured.blocks[channel]), residual, nuisances);
-    let start = match (noise.walk(walk), walk) {
-        (configured, _) if configured > 0.0 => configured.ln(),
-        (_, Walk::Angle) => (noise.white.sqrt() * 1e-2).ln(),
-        (_, Walk::Rate) => (noise.white.sqrt() * 1e-5).ln(),
+    let Some(start) = start(case, channel, noise, walk) else {
+        return FittedNoise { noise: *noise, log_sigma: f64::NAN, fall: 0.0 };
     };
     let with =
         |log_walk: f64, log_white: f64| NoiseModel { white: log_white.exp(), ..noise.with(walk, log_walk.exp()) };

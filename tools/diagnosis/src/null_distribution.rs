@@ -6,7 +6,7 @@
 
 use geu_model::noise::NoiseStream;
 use geu_model::package::Axes;
-use geu_model::units::SAMPLE_INTERVAL_S;
+use geu_model::units::{PPM, SAMPLE_INTERVAL_S};
 use geu_protocol::Gyro;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -135,7 +135,7 @@ fn quantile(values: &[f64], rate: f64) -> Option<f64> {
 
 /// Largest gain of a larger walk on a null recording.
 fn largest_walk(case: &DiagnosisCase, noise: &[NoiseModel; CHANNELS], residual: &Series) -> f64 {
-    let walks = (0..TIMING).flat_map(|channel| [(channel, Walk::Angle), (channel, Walk::Rate)]);
+    let walks = (0..TIMING).flat_map(|channel| Walk::ALL.map(|walk| (channel, walk)));
     let fall = |(channel, walk): (usize, Walk)| {
         let fitted = crate::noise::fit(case, channel, &noise[channel], walk, residual, &case.nuisances);
         let is_larger = fitted.noise.walk(walk) > noise[channel].walk(walk);
@@ -217,6 +217,10 @@ fn draw(case: &DiagnosisCase, model: &Series, noise: &[NoiseModel; CHANNELS], se
                 rate += own.rate_walk * root_s * stream.standard_normal();
                 walk += rate * SAMPLE_INTERVAL_S + own.angle_walk * root_s * stream.standard_normal();
                 let angle = model[channel][node];
+                if own.scale_walk > 0.0 {
+                    let turned = angle - model[channel][node.saturating_sub(1)];
+                    walk += own.scale_walk * PPM * turned * stream.standard_normal() / root_s;
+                }
                 sum += match weights {
                     Some(weights) => weights[node] * walk,
                     None => (angle + walk).round() - angle,

@@ -1,9 +1,11 @@
-//! Rounding errors of block averages.
+//! Rounding errors of block averages, and the noise that depends on the motion of a block.
 //!
 //! A count is the difference of rounded angles, so that the error of a block's average depends on the motion alone: independent
 //! roundings average out, but at rest and at rates near a simple fraction of a count per sample the error persists, up to half a count
 //! over many blocks. The phase of the accumulated angle is not known well enough to predict it: it is a random number between 0 and 1.
 //! Variance and correlation over this phase follow from the model's own path.
+
+use geu_model::units::{PPM, SAMPLE_INTERVAL_S};
 
 use crate::measured::{BLOCK, CHANNELS, MeasuredData, Series, TIMING, nodes};
 
@@ -29,12 +31,14 @@ pub struct BlockRounding {
     pub second_difference: f64,
     /// Growth of the angle's variance over the block by the noise of a smoothed reference, counts².
     pub reference_walk: f64,
+    /// Growth of the angle's variance over the block by a scale factor with white noise of 1 ppm·√s, counts².
+    pub scale_walk: f64,
 }
 
 impl BlockRounding {
     /// No rounding.
     pub const NONE: BlockRounding =
-        BlockRounding { variance: 0.0, correlation: 0.0, second_difference: 0.0, reference_walk: 0.0 };
+        BlockRounding { variance: 0.0, correlation: 0.0, second_difference: 0.0, reference_walk: 0.0, scale_walk: 0.0 };
 }
 
 /// Statistics of each block of each channel.
@@ -51,6 +55,8 @@ pub fn rounding(measured: &MeasuredData, model: &Series) -> Rounding {
             Some(weights) => of_weights(weights, blocks),
             None => of_channel(&model[channel], blocks),
         };
+        let turns = rounding.iter_mut().zip(model[channel].windows(BLOCK + 1).step_by(BLOCK));
+        turns.for_each(|(block, nodes)| block.scale_walk = scale_walk(nodes));
         if let Some(smoothed) = &measured.smoothed {
             let walk = rounding.iter_mut().zip(&smoothed.walk[channel]);
             walk.for_each(|(block, walk)| block.reference_walk = walk.norm_squared());
@@ -85,10 +91,15 @@ fn of_channel(angles: &[f64], blocks: usize) -> Vec<BlockRounding> {
             variance,
             correlation: if scale > 0.0 { product / scale } else { 0.0 },
             second_difference: mean(&|phase| (errors[phase] - 2.0 * last[phase] + second[phase]).powi(2)),
-            reference_walk: 0.0,
+            ..BlockRounding::NONE
         }
     };
     (0..blocks).map(of_block).collect()
+}
+
+/// Variance of the angle at the end of a block, counts², with 1 ppm·√s of noise of the scale factor.
+fn scale_walk(angles: &[f64]) -> f64 {
+    angles.windows(2).map(|pair| (PPM * (pair[1] - pair[0])).powi(2)).sum::<f64>() / SAMPLE_INTERVAL_S
 }
 
 /// Average error of the rounded angles for each phase.

@@ -13,6 +13,8 @@ use crate::spots::{Spot, spots};
 
 /// Maximum rise of χ² in the predictable thirds if one is not predictable: three sigma.
 const MAX_RISE_CHI2: f64 = 9.0;
+/// χ² reduction by a shape parameter for which it is fitted, two sigma; the penalty of each shape of a time course.
+pub const SHAPE_CHI2: f64 = 4.0;
 /// Candidates with optimised shape parameters.
 const OPTIMISED: usize = 16;
 
@@ -81,9 +83,13 @@ pub fn search(
     }
     best.sort_by(|a, b| score(b).total_cmp(&score(a)));
     best.truncate(OPTIMISED);
-    let optimised = |spot: Spot| spot.optimised(bank, normal, |_| true).unwrap_or(spot);
+    let optimised = |spot: Spot| {
+        let best = spot.optimised(bank, normal, |_| true).unwrap_or(spot);
+        best.as_step(bank, normal, SHAPE_CHI2).filter(is_possible).unwrap_or(best)
+    };
     let mut best: Vec<Spot> = best.into_par_iter().map(optimised).collect();
     best.sort_by(|a, b| score(b).total_cmp(&score(a)));
+    without_repetitions(bank, &mut best);
     let candidate = |spot: Spot| Candidate {
         hypothesis: spot.hypothesis(bank),
         family: spot.family(bank),
@@ -92,4 +98,15 @@ pub fn search(
         spot,
     };
     best.into_iter().map(candidate).collect()
+}
+
+/// Removes all but the best of each amplitude and set of gyros, since a step may have two origins.
+fn without_repetitions(bank: &SignatureBank, best: &mut Vec<Spot>) {
+    let mut seen: Vec<(AmplitudeRef, Gyros)> = Vec::new();
+    best.retain(|spot| {
+        let key = (spot.amplitude(bank), spot.gyros);
+        let is_new = !seen.contains(&key);
+        seen.push(key);
+        is_new
+    });
 }

@@ -1,6 +1,9 @@
 //! The best time course of each kind of a signature on each set of gyros.
 
-use crate::amplitude::AmplitudeRef;
+use geu_model::time_profile::COURSES;
+
+use crate::amplitude::{AmplitudeRef, STEP};
+use crate::courses::is_onset;
 use crate::gyros::Gyros;
 use crate::hypothesis::Hypothesis;
 use crate::measured::{BLOCK_S, CHANNELS};
@@ -73,6 +76,18 @@ impl Spot {
             }
         }
         Signature::from_columns(normal, columns)
+    }
+
+    /// The step at the same onset, if the course's end or decay explains less than `shape_chi2` more.
+    pub fn as_step(&self, bank: &SignatureBank, normal: &NormalEquations, shape_chi2: f64) -> Option<Spot> {
+        let Variation::Course { kind, shapes } = &self.variation else { return None };
+        let begins = COURSES[*kind].shapes.first().is_some_and(is_onset);
+        if *kind == STEP || !begins {
+            return None;
+        }
+        let step = Variation::Course { kind: STEP, shapes: vec![shapes[0]] };
+        let step = Spot::fit(bank, normal, self.base, step, self.gyros)?;
+        (step.gain.chi2 > self.gain.chi2 - shape_chi2 && step.is_valid(bank)).then_some(step)
     }
 
     /// Optimises the shape parameters among the possible spots; `None` if the result exceeds the limits of the model.

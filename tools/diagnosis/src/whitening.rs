@@ -16,6 +16,8 @@ pub struct NoiseModel {
     pub angle_walk: f64,
     /// Growth of the rate's deviation with the root of time, per s and √s.
     pub rate_walk: f64,
+    /// White noise of the scale factor, ppm·√s.
+    pub scale_walk: f64,
 }
 
 /// Mean time of a block's average of a walk that starts at 0, as a share of the block.
@@ -55,7 +57,8 @@ impl Whitening {
         let (mut anew, mut log_determinant) = (true, 0.0);
         let step = |(number, block): (usize, &Block)| {
             let own = rounding[number];
-            let angle = noise.angle_walk.powi(2) * BLOCK_S + own.reference_walk;
+            let angle =
+                noise.angle_walk.powi(2) * BLOCK_S + noise.scale_walk.powi(2) * own.scale_walk + own.reference_walk;
             anew |= block.restarts;
             // Of the average with itself, and with angle, rate and rounding error at the block's end.
             let with_rate = ad + mean_s * dd + de;
@@ -142,7 +145,7 @@ mod tests {
     #[test]
     fn whitened_walks_are_white_across_a_break() {
         for angle_walk in [0.01, 0.3] {
-            let noise = NoiseModel { white: 1.0 / 120.0, angle_walk, rate_walk: 8e-6 };
+            let noise = NoiseModel { white: 1.0 / 120.0, angle_walk, rate_walk: 8e-6, scale_walk: 0.0 };
             let mut blocks = vec![Block { is_good: true, is_compared: true, restarts: false }; 20_000];
             blocks[9_000] = Block { is_good: false, is_compared: false, restarts: true };
             let (mut state, mut angle, mut rate) = (1u64, 0.0, 0.0);

@@ -16,7 +16,7 @@ impl SelectedModel {
     /// Accepts walks above their configured growth, the likeliest first, as long as they exceed their threshold.
     pub(super) fn free_noise(&mut self, case: &DiagnosisCase, thresholds: &Thresholds) {
         let walks: Vec<(usize, Walk)> = (0..TIMING)
-            .flat_map(|channel| [(channel, Walk::Angle), (channel, Walk::Rate)])
+            .flat_map(|channel| Walk::ALL.map(|walk| (channel, walk)))
             .chain([(TIMING, Walk::Angle)])
             .collect();
         let threshold = thresholds.required(HypothesisFamily::NOISE);
@@ -33,7 +33,7 @@ impl SelectedModel {
             }
         }
         // Walks that exceed the threshold only together.
-        for walk in [Walk::Rate, Walk::Angle] {
+        for walk in [Walk::Rate, Walk::Angle, Walk::Scale] {
             let larger = self.larger_walks(case, &[0, 1, 2, 3].map(|gyro| (gyro, walk)));
             let fall: f64 = larger.iter().map(|found| found.fitted.fall).sum();
             let further = FURTHER_WALK_CHI2 * larger.len().saturating_sub(1) as f64;

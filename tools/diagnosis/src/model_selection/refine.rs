@@ -5,11 +5,11 @@ use geu_model::parameter_spec::Role;
 use crate::model_state::{DiagnosisCase, FittedHypothesis};
 use crate::normal_equations::THIRDS;
 use crate::null_distribution::Thresholds;
-use crate::search::passes_cross_validation;
+use crate::search::{SHAPE_CHI2, passes_cross_validation};
 use crate::signature_bank::SignatureBank;
 use crate::temperature_lag::{LaggedFit, likeliest};
 
-use super::selected::{SHAPE_CHI2, SelectedModel};
+use super::selected::SelectedModel;
 
 /// A shape parameter with a default is fitted if χ² falls by [`SHAPE_CHI2`], or if its relative sigma is below this.
 const SHAPE_SIGMA: f64 = 0.2;

@@ -10,7 +10,7 @@ use crate::noise::{FittedNoise, Walk};
 use crate::normal_equations::NormalEquations;
 use crate::null_distribution::Thresholds;
 use crate::outcome::{Chi2Fall, Correction, DiagnosedEffect};
-use crate::search::Candidate;
+use crate::search::{Candidate, SHAPE_CHI2};
 use crate::temperature_lag::lag_chi2;
 use crate::whitening::NoiseModel;
 
@@ -18,8 +18,6 @@ use crate::whitening::NoiseModel;
 pub const MAX_PER_GYRO: usize = 3;
 /// Penalty of each further larger walk: the χ² reduction of one parameter that noise exceeds in less than 10 %.
 pub(super) const FURTHER_WALK_CHI2: f64 = 2.7;
-/// χ² reduction by a shape parameter for which it is fitted, two sigma; the penalty of each shape of a time course.
-pub(super) const SHAPE_CHI2: f64 = 4.0;
 /// A walk is reported from this multiple of the configured one: rounding of a slow rate can imitate half as much again.
 const MIN_WALK: f64 = 2.0;
 
@@ -37,11 +35,7 @@ pub struct IdentifiedNoise {
 impl IdentifiedNoise {
     /// Configured growth of the walk.
     pub fn configured(&self, nominal: &Configuration) -> f64 {
-        let effects = &nominal.gyros[self.channel].effects.constant;
-        match self.walk {
-            Walk::Angle => effects.angle_random_walk.arcsec_per_sqrt_s,
-            Walk::Rate => effects.drift_random_walk.arcsec_per_s_per_sqrt_s,
-        }
+        self.walk.growth(&nominal.gyros[self.channel].effects.constant)
     }
 
     /// True if rounding cannot imitate it.
