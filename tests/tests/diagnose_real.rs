@@ -135,3 +135,59 @@ fn transients_are_named() {
         assert_named(&diagnosed(&IndependentModel::new(seed, vec![injected.clone()]), as_recorded), &injected);
     }
 }
+
+#[test]
+#[ignore = "minutes; .ci/run has it"]
+fn a_noise_that_grows_with_the_rate_is_no_other_effect() {
+    for (seed, gyro, ppm_sqrt_s) in [(341, Gyro::Y, 60.0), (342, Gyro::Za, 80.0), (343, Gyro::Zb, 50.0)] {
+        let injected = PlantedEffect::new("scale-factor-noise", &[gyro], &[("ppm_sqrt_s", ppm_sqrt_s)]);
+        assert_named(&diagnosed(&IndependentModel::new(seed, vec![injected.clone()]), as_recorded), &injected);
+    }
+}
+
+#[test]
+#[ignore = "minutes; .ci/run has it"]
+fn a_hysteresis_is_named_from_narrow_to_wide() {
+    for (seed, gyro, width_k) in [(344, Gyro::X, 0.01), (345, Gyro::Y, 0.2), (346, Gyro::Za, 0.7)] {
+        let numbers = [("arcsec_per_h", 55.0), ("width_k", width_k)];
+        let injected = PlantedEffect::new("drift-temperature-hysteresis", &[gyro], &numbers);
+        assert_named(&diagnosed(&IndependentModel::new(seed, vec![injected.clone()]), as_recorded), &injected);
+    }
+}
+
+#[test]
+#[ignore = "minutes; .ci/run has it"]
+fn three_effects_on_three_gyros_are_named() {
+    for seed in [351, 352, 353] {
+        let pivot = PlantedEffect::new("pivot-clearance", &[Gyro::X], &[("clearance_arcsec", 10.0)]);
+        let bend = PlantedEffect::new("scale-factor-nonlinearity", &[Gyro::Y], &[("cubic_ppm", 170.0)]);
+        let ramp = PlantedEffect::new("drift-ramp", &[Gyro::Zb], &[("arcsec_per_h_per_day", 600.0)]);
+        let all = [pivot, bend, ramp];
+        let diagnosis = diagnosed(&IndependentModel::new(seed, all.to_vec()), as_recorded);
+        assert_eq!(diagnosis.verdict, Verdict::Explained);
+        let mut codes: Vec<String> = missing(&diagnosis).map(|entry| entry.code.clone()).collect();
+        codes.sort();
+        assert_eq!(codes, ["drift-ramp", "pivot-clearance", "scale-factor-nonlinearity"]);
+    }
+}
+
+#[test]
+#[ignore = "minutes; .ci/run has it"]
+fn steps_are_named_alone() {
+    let drift =
+        |gyro, onset_s| PlantedEffect::new("drift-step", &[gyro], &[("arcsec_per_h", 16.0), ("time_s", onset_s)]);
+    let pivot = |gyro, onset_s| {
+        PlantedEffect::new("pivot-clearance-step", &[gyro], &[("clearance_arcsec", 9.0), ("time_s", onset_s)])
+    };
+    let cases = [
+        (361, drift(Gyro::X, 5200.0)),
+        (362, drift(Gyro::X, 3900.0)),
+        (363, drift(Gyro::Za, 6100.0)),
+        (364, pivot(Gyro::X, 5200.0)),
+        (365, pivot(Gyro::Y, 5200.0)),
+        (366, pivot(Gyro::Zb, 4400.0)),
+    ];
+    for (seed, injected) in cases {
+        assert_named(&diagnosed(&IndependentModel::new(seed, vec![injected.clone()]), as_recorded), &injected);
+    }
+}
