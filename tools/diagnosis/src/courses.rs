@@ -1,6 +1,7 @@
-//! Searched time courses: their grid, and their values in each block. Waves are cached, since every signature uses them.
+//! Searched time courses: their grid, and their values in each block. Those of the grid are cached, since every signature uses them.
 
 use std::borrow::Cow;
+use std::collections::HashMap;
 use std::f64::consts::FRAC_PI_2;
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
@@ -29,7 +30,7 @@ const DURATIONS: [usize; 10] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32];
 const SUDDEN_ONSETS: usize = 4 * ONSETS;
 
 /// Application of a time course to a signature.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Mode {
     /// On its increments.
     Rate,
@@ -65,6 +66,23 @@ impl Variation {
         }
     }
 
+    /// True for a constant, and for a time course that depends on time alone.
+    pub fn is_of_time(&self) -> bool {
+        self.kind().is_none_or(|kind| !COURSES[kind].follows_temperature)
+    }
+
+    /// The block of its onset, before which it is 0.
+    pub fn first_block(&self) -> usize {
+        match self {
+            Variation::Constant => 0,
+            Variation::Onset { block } => *block,
+            Variation::Course { kind, shapes } => {
+                let first = COURSES[*kind].shapes.iter().zip(shapes).find(|(number, _)| is_onset(number));
+                first.map_or(0, |(_, onset_s)| (onset_s / BLOCK_S) as usize)
+            }
+        }
+    }
+
     /// The wave with another phase; `None` if it is not a wave. It is the wave of phase 0 times the cosine of the phase plus the wave a
     /// quarter period later times the sine.
     pub fn at_phase(&self, phase_rad: f64) -> Option<Variation> {
@@ -74,6 +92,11 @@ impl Variation {
         shapes[index] = phase_rad;
         Some(Variation::Course { kind: *kind, shapes })
     }
+}
+
+fn key(mode: Mode, variation: &Variation) -> Option<Key> {
+    let Variation::Course { kind, shapes } = variation else { return None };
+    Some((mode, *kind, std::array::from_fn(|index| shapes.get(index).map_or(0, |shape| shape.to_bits()))))
 }
 
 /// Onset and end of a pulse: it is the difference of two steps; `None` for other time courses.
@@ -96,38 +119,33 @@ pub struct Courses {
     excess_k: Vec<f64>,
     /// Rate of change of that, K/h.
     rate_k_per_h: Vec<f64>,
-    /// The waves of the grid.
-    waves: Arc<[Wave]>,
+    /// Values of those of the grid that depend on time alone, from the first block on, once they were asked for.
+    grid: Arc<HashMap<Key, OnceLock<Vec<f64>>>>,
 }
 
-/// A wave, a value for each block once it was asked for.
-#[derive(Debug)]
-struct Wave {
-    mode: Mode,
-    variation: Variation,
-    values: OnceLock<Vec<f64>>,
-}
+/// A course of the grid: mode, index in [`COURSES`] and bits of the shapes.
+type Key = (Mode, usize, [u64; 2]);
 
 impl Courses {
     /// Time courses on a recording with this electronics temperature minus the reference temperature in each block.
     pub fn new(excess_k: Vec<f64>) -> Courses {
-        let none = Courses::without_waves(excess_k);
+        let none = Courses::without_grid(excess_k);
         let of_mode = |mode: Mode| {
-            let all = (0..COURSES.len()).flat_map(|kind| none.variations(kind, mode));
-            let quarters = all.filter_map(|wave| Some([wave.at_phase(FRAC_PI_2)?, wave])).flatten();
-            quarters.map(|variation| Wave { mode, variation, values: OnceLock::new() }).collect::<Vec<_>>()
+            let all = (0..COURSES.len()).flat_map(|kind| none.variations(kind, mode)).filter(Variation::is_of_time);
+            let with_quarters = all.flat_map(|course| [course.at_phase(FRAC_PI_2), Some(course)]).flatten();
+            with_quarters.filter_map(move |course| Some((key(mode, &course)?, OnceLock::new()))).collect::<Vec<_>>()
         };
-        let waves = [Mode::Rate, Mode::Level].into_iter().flat_map(of_mode).collect();
-        Courses { waves, ..none }
+        let grid = [Mode::Rate, Mode::Level].into_iter().flat_map(of_mode).collect();
+        Courses { grid: Arc::new(grid), ..none }
     }
 
-    fn without_waves(excess_k: Vec<f64>) -> Courses {
+    fn without_grid(excess_k: Vec<f64>) -> Courses {
         let (half, last) = ((0.5 * RATE_SPAN_S / BLOCK_S) as usize, excess_k.len().saturating_sub(1));
         let rate = |block: usize| {
             let (from, to) = (block.saturating_sub(half), (block + half).min(last));
             (excess_k[to] - excess_k[from]) / (to.max(from + 1) - from) as f64 / BLOCK_S * S_PER_H
         };
-        Courses { rate_k_per_h: (0..excess_k.len()).map(rate).collect(), excess_k, waves: Arc::default() }
+        Courses { rate_k_per_h: (0..excess_k.len()).map(rate).collect(), excess_k, grid: Arc::default() }
     }
 
     /// Blocks of the recording.
@@ -141,7 +159,7 @@ impl Courses {
         let last = self.blocks().saturating_sub(1) as f64;
         let source = |block: usize| (block as f64 + temperature_s / BLOCK_S).round().clamp(0.0, last) as usize;
         let excess_k = (0..self.blocks()).map(|block| self.excess_k[source(block)]).collect();
-        Courses { waves: self.waves.clone(), ..Courses::without_waves(excess_k) }
+        Courses { grid: self.grid.clone(), ..Courses::without_grid(excess_k) }
     }
 
     /// Searched time courses of a kind of [`COURSES`], waves at phase 0.
@@ -207,10 +225,11 @@ impl Courses {
                 electronics_rate_k_per_h: self.rate_k_per_h[block],
             })
         };
-        match self.waves.iter().find(|wave| wave.mode == mode && wave.variation == *variation) {
-            Some(wave) => {
-                let whole = wave.values.get_or_init(|| (0..self.blocks()).map(value).collect());
-                Some(Cow::Borrowed(&whole[blocks]))
+        let first = variation.first_block();
+        match key(mode, variation).and_then(|key| self.grid.get(&key)).filter(|_| first <= blocks.start) {
+            Some(values) => {
+                let values = values.get_or_init(|| (first..self.blocks()).map(value).collect());
+                Some(Cow::Borrowed(&values[blocks.start - first..blocks.end - first]))
             }
             None => Some(Cow::Owned(blocks.map(value).collect())),
         }
@@ -222,27 +241,27 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cached_waves_equal_computed_waves() {
+    fn cached_courses_equal_computed_courses() {
         let excess_k: Vec<f64> = (0..500).map(|block| (block as f64 * 0.01).sin()).collect();
         let own = Courses::new(excess_k.clone());
-        let none = Courses::without_waves(excess_k);
+        let none = Courses::without_grid(excess_k);
         let late = own.late(150.0);
         for mode in [Mode::Rate, Mode::Level] {
-            let (mut waves, mut followers) = (0, 0);
+            let (mut cached, mut followers) = (0, 0);
             for variation in (0..COURSES.len()).flat_map(|kind| none.variations(kind, mode)) {
-                let values = none.values(mode, &variation, 30..200);
-                assert_eq!(own.values(mode, &variation, 30..200), values, "{variation:?}");
-                let is_wave = variation.at_phase(0.0).is_some();
-                let is_kept = matches!(own.values(mode, &variation, 0..10), Some(Cow::Borrowed(_)));
-                assert_eq!(is_kept, is_wave, "{variation:?}");
-                waves += usize::from(is_wave);
+                let blocks = variation.first_block().max(30)..500;
+                let values = none.values(mode, &variation, blocks.clone());
+                let kept = own.values(mode, &variation, blocks.clone());
+                assert_eq!(kept, values, "{variation:?}");
+                assert_eq!(matches!(kept, Some(Cow::Borrowed(_))), variation.is_of_time(), "{variation:?}");
+                cached += usize::from(variation.is_of_time());
                 // Only the courses that follow the temperature depend on its delay.
-                if late.values(mode, &variation, 30..200) != values {
+                if late.values(mode, &variation, blocks) != values {
                     assert_eq!(late.values(mode, &variation, 30..200), none.values(mode, &variation, 60..230));
                     followers += 1;
                 }
             }
-            assert!(waves > 10 && followers == 2, "{waves} {followers}");
+            assert!(cached > 100 && followers == 2, "{cached} {followers}");
         }
     }
 }

@@ -273,14 +273,7 @@ impl SignatureBank {
 
     /// Signature of a time course, per unit; `None` on channels that it does not reach. That of a jump ends when the filter forgets it.
     pub fn columns(&self, base: &ConstantSignature, variation: &Variation) -> [Option<Column>; CHANNELS] {
-        let from = match variation {
-            Variation::Onset { block } => *block,
-            Variation::Course { kind, shapes } => {
-                let first = COURSES[*kind].shapes.iter().zip(shapes).find(|(number, _)| is_onset(number));
-                first.map_or(0, |(_, onset_s)| (onset_s / BLOCK_S) as usize)
-            }
-            Variation::Constant => 0,
-        };
+        let from = variation.first_block();
         let to = match variation {
             Variation::Onset { block } => self.courses.blocks().min(block + JUMP_BLOCKS),
             _ => self.courses.blocks(),

@@ -25,11 +25,13 @@ const MEAN: f64 = (BLOCK as f64 + 1.0) / (2.0 * BLOCK as f64);
 /// Variance of that average, as a share of the walk's variance at the end of the block.
 const VARIANCE: f64 = (BLOCK as f64 + 1.0) * (2.0 * BLOCK as f64 + 1.0) / (6.0 * BLOCK as f64 * BLOCK as f64);
 
-/// The filter at one block.
+/// The filter at one block, written for the increments of a series, where an innovation depends on the one before by one product.
 #[derive(Debug, Clone, Copy)]
 struct Step {
-    /// Gains on angle and rate at its end, and on the rounding error of the next block.
-    gains: [f64; 3],
+    /// Share of the innovation that remains in the next block's.
+    remainder: f64,
+    /// Gains on the turn by the rate over a block, and on the rounding error of the next block.
+    gains: [f64; 2],
     /// Rounding error of the next block per that of this one.
     persistence: f64,
     /// Inverse sigma of the innovation; 0 for a block without data.
@@ -106,7 +108,9 @@ impl Whitening {
             (ae, de) = (persistence * ae, persistence * de);
             ee = persistence * persistence * ee + next.variance * (1.0 - next.correlation * next.correlation);
             gains[2] *= persistence;
-            Step { gains, persistence, weight }
+            let [with_angle, with_rate, with_error] = gains;
+            let remainder = 1.0 - with_angle - mean_s * with_rate - with_error;
+            Step { remainder, gains: [t * with_rate, with_error], persistence, weight }
         };
         let steps = blocks.iter().enumerate().map(step).collect();
         Whitening { steps, log_determinant }
@@ -119,13 +123,16 @@ impl Whitening {
 
     /// Whitens a series that is 0 before the block `from`; `series` contains the blocks from there on.
     pub fn apply_from(&self, from: usize, series: &[f64]) -> Vec<f64> {
-        const MEAN_S: f64 = MEAN * BLOCK_S;
-        let (mut angle, mut rate, mut error) = (0.0, 0.0, 0.0);
+        // What the innovation before leaves in this one, the turn by the rate, and the rounding error.
+        let (mut left, mut turn, mut error) = (0.0, 0.0, 0.0);
+        let (mut before, mut predicted) = (0.0, 0.0);
         let innovations = self.steps[from..].iter().zip(series).map(|(step, measured)| {
-            let innovation = measured - angle - rate * MEAN_S - error;
-            angle += rate * BLOCK_S + step.gains[0] * innovation;
-            rate += step.gains[1] * innovation;
-            error = step.persistence * error + step.gains[2] * innovation;
+            let innovation = (measured - before - predicted) + left;
+            before = *measured;
+            left = step.remainder * innovation;
+            predicted = turn + (step.persistence - 1.0) * error;
+            turn += step.gains[0] * innovation;
+            error = step.persistence * error + step.gains[1] * innovation;
             innovation * step.weight
         });
         innovations.collect()
