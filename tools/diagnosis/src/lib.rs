@@ -4,7 +4,7 @@
 //! - hypotheses: `gyros`, `amplitude` (a parameter of the model), `hypothesis` (with its value);
 //! - the data: `time_origin`, `measured`, `residual_stats`, `motion_segments`, and the exact checks, `checks`, which yield each `finding`;
 //! - signatures: `courses`, `signature_bank`, `shape_search`;
-//! - statistics: `linear_algebra`, `rounding`, `whitening`, `normal_equations`, `sweep`, `signature`, `spots`, `fitted_hypothesis`, `model_state` (a fit), `noise`, `whiteness`, `search`, `null_distribution`, `temperature_lag`;
+//! - statistics: `linear_algebra`, `rounding`, `whitening`, `normal_equations`, `course_products`, `sweep`, `signature`, `spots`, `fitted_hypothesis`, `model_state` (a fit), `noise`, `whiteness`, `search`, `null_distribution`, `temperature_lag`;
 //! - the selection of hypotheses: `model_selection`, `solution`;
 //! - the report: `residual_map`, `alternatives`, `outcome` (types only), `discriminating_test`, `entries`, `cross_validation`, `unexplained`;
 //! - the whole: `diagnosis`, `report`.
@@ -12,6 +12,7 @@
 pub mod alternatives;
 pub mod amplitude;
 pub mod checks;
+mod course_products;
 mod courses;
 mod cross_validation;
 mod diagnosis;

@@ -1,6 +1,9 @@
 //! Least squares on whitened channels: nuisances are projected out of the residual and of every signature. Products are kept per third
 //! of the recording, so that each third can be predicted from the other two.
 
+use std::hash::{DefaultHasher, Hasher};
+use std::sync::OnceLock;
+
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use geu_model::package::Calibration;
@@ -49,7 +52,13 @@ pub struct NormalEquations {
     factor: Cholesky<f64, Dyn>,
     scale: DVector<f64>,
     solved: DVector<f64>,
+    transposed: OnceLock<[Transposed; CHANNELS]>,
+    key: OnceLock<u64>,
 }
+
+/// Derivatives of products with a whitened series by the increments of that series: for the residual, and for nuisances of hypotheses,
+/// with their places.
+pub type Transposed = (Vec<f64>, Vec<(usize, Vec<f64>)>);
 
 /// Products of one signature with itself, with the residual and with the nuisances, for each third. Products of channels add up.
 #[derive(Debug, Clone)]
@@ -59,52 +68,24 @@ pub struct Products {
     nuisances: [Vec<f64>; THIRDS],
 }
 
-/// A signature, or its part on one channel, projected on the nuisances. Parts add up.
+/// A signature, or its part on one channel, projected on the nuisances.
 #[derive(Debug, Clone)]
 pub struct ProjectedSignature {
-    own: f64,
-    right: f64,
-    part: DVector<f64>,
+    pub(crate) own: f64,
+    pub(crate) right: f64,
+    pub(crate) part: DVector<f64>,
 }
 
 impl ProjectedSignature {
-    /// True if the square of a difference of two signatures results from rounding errors.
-    pub fn is_cancelled(&self, one: &ProjectedSignature, other: &ProjectedSignature) -> bool {
-        self.own < MIN_REMAINDER * (one.own + other.own)
+    /// Its square without its projection on the nuisances; `None` if it is not distinguishable from them.
+    fn remaining_square(&self) -> Option<f64> {
+        distinguishable(self.own - self.part.norm_squared(), self.own)
     }
+}
 
-    /// Square of a sum of parts without its projection on the nuisances; `None` if it is not distinguishable from them.
-    fn remaining_square(parts: &[&ProjectedSignature]) -> Option<f64> {
-        let own: f64 = parts.iter().map(|part| part.own).sum();
-        let pairs = parts.iter().flat_map(|one| parts.iter().map(|other| one.part.dot(&other.part)));
-        let left = own - pairs.sum::<f64>();
-        (left > MIN_REMAINDER * own && own > 0.0).then_some(left)
-    }
-
-    /// The sum of two signatures on one channel, each times its factor; `both` is the product of the two, whitened.
-    #[must_use]
-    pub fn sum(
-        (one_factor, one): (f64, &ProjectedSignature),
-        (other_factor, other): (f64, &ProjectedSignature),
-        both: f64,
-    ) -> ProjectedSignature {
-        let mut part = &one.part * one_factor;
-        part.axpy(other_factor, &other.part, 1.0);
-        ProjectedSignature {
-            own: one_factor.powi(2) * one.own
-                + 2.0 * one_factor * other_factor * both
-                + other_factor.powi(2) * other.own,
-            right: one_factor * one.right + other_factor * other.right,
-            part,
-        }
-    }
-
-    /// Fit of a sum of parts; `None` if it is not distinguishable from the nuisances.
-    pub fn gain(parts: &[&ProjectedSignature]) -> Option<SignatureFit> {
-        let left = ProjectedSignature::remaining_square(parts)?;
-        let right: f64 = parts.iter().map(|part| part.right).sum();
-        Some(SignatureFit { size: right / left, sigma: left.sqrt().recip(), chi2: right * right / left })
-    }
+/// What the nuisances leave of the square of a signature; `None` if it is not distinguishable from them.
+pub fn distinguishable(left: f64, own: f64) -> Option<f64> {
+    (left > MIN_REMAINDER * own && own > 0.0).then_some(left)
 }
 
 /// Fit of a signature to the residual.
@@ -116,6 +97,13 @@ pub struct SignatureFit {
     pub sigma: f64,
     /// χ² reduction.
     pub chi2: f64,
+}
+
+impl SignatureFit {
+    /// Fit of a signature of which the nuisances leave the square `left`, with this product with the residual.
+    pub fn new(left: f64, right: f64) -> SignatureFit {
+        SignatureFit { size: right / left, sigma: left.sqrt().recip(), chi2: right * right / left }
+    }
 }
 
 impl NormalEquations {
@@ -179,7 +167,44 @@ impl NormalEquations {
             factor,
             scale,
             solved,
+            transposed: OnceLock::new(),
+            key: OnceLock::new(),
         }
+    }
+
+    /// Number of nuisances of the recording, which are the first: the calibration parameters and the lag.
+    pub fn of_recording(&self) -> usize {
+        self.columns.len().min(calibration_parameters().len() + 1)
+    }
+
+    /// Hash of the filters and of the nuisances of the recording.
+    pub fn key(&self) -> u64 {
+        *self.key.get_or_init(|| {
+            let mut hasher = DefaultHasher::new();
+            self.whitenings.iter().for_each(|whitening| whitening.hash(&mut hasher));
+            let columns = self.columns[..self.of_recording()].iter().flatten();
+            for values in columns {
+                hasher.write_usize(values.as_ref().map_or(0, Vec::len));
+                values.iter().flatten().for_each(|value| hasher.write_u64(value.to_bits()));
+            }
+            hasher.finish()
+        })
+    }
+
+    /// Residual and nuisances of hypotheses through the transposed filters.
+    pub fn transposed(&self) -> &[Transposed; CHANNELS] {
+        let of_channel = |channel: usize| {
+            let transposed = |white: &[f64]| self.whitenings[channel].transposed(white);
+            let others = self.columns(channel).filter(|(place, _)| *place >= self.of_recording());
+            let others = others.map(|(place, column)| (place, transposed(column))).collect();
+            (transposed(&self.residual[channel]), others)
+        };
+        self.transposed.get_or_init(|| std::array::from_fn(of_channel))
+    }
+
+    /// Whitened signatures of the nuisances on a channel, with their places.
+    pub fn columns(&self, channel: usize) -> impl Iterator<Item = (usize, &[f64])> {
+        self.columns.iter().enumerate().filter_map(move |(place, column)| Some((place, column[channel].as_deref()?)))
     }
 
     /// Number of nuisances.
@@ -285,22 +310,27 @@ impl NormalEquations {
 
     /// Projects a signature on the nuisances.
     pub fn project(&self, products: &Products) -> ProjectedSignature {
-        let sums = DVector::from_fn(self.columns.len(), |i, _| products.nuisances.iter().map(|v| v[i]).sum::<f64>());
-        let part = lower(&self.factor, &self.scale.component_mul(&sums));
-        let right = products.residual.iter().sum::<f64>() - part.dot(&self.solved);
-        ProjectedSignature { own: products.own.iter().sum(), right, part }
+        let sums = DVector::from_fn(self.columns.len(), |place, _| products.with_nuisance(place));
+        self.project_sums(products.square(), products.residual.iter().sum(), &sums)
+    }
+
+    /// Projects a signature on the nuisances: its square and its products with the residual and with the nuisances.
+    pub fn project_sums(&self, own: f64, residual: f64, sums: &DVector<f64>) -> ProjectedSignature {
+        let part = lower(&self.factor, &self.scale.component_mul(sums));
+        ProjectedSignature { own, right: residual - part.dot(&self.solved), part }
     }
 
     /// Fit of a signature; `None` if it is not distinguishable from the nuisances.
     pub fn gain(&self, products: &Products) -> Option<SignatureFit> {
-        ProjectedSignature::gain(&[&self.project(products)])
+        let projected = self.project(products);
+        Some(SignatureFit::new(projected.remaining_square()?, projected.right))
     }
 
     /// Cosine of two signatures without their projections on the nuisances, from the products of each and the product of the two; 0 if
     /// one is not distinguishable from the nuisances.
     pub fn cosine(&self, one: &Products, other: &Products, both: f64) -> f64 {
         let (one, other) = (self.project(one), self.project(other));
-        match (ProjectedSignature::remaining_square(&[&one]), ProjectedSignature::remaining_square(&[&other])) {
+        match (one.remaining_square(), other.remaining_square()) {
             (Some(one_left), Some(other_left)) => (both - one.part.dot(&other.part)) / (one_left * other_left).sqrt(),
             _ => 0.0,
         }
@@ -355,6 +385,16 @@ impl Products {
             residual: [0.0; THIRDS],
             nuisances: std::array::from_fn(|_| vec![0.0; nuisances]),
         }
+    }
+
+    /// Product with itself.
+    pub fn square(&self) -> f64 {
+        self.own.iter().sum()
+    }
+
+    /// Product with a nuisance.
+    pub fn with_nuisance(&self, place: usize) -> f64 {
+        self.nuisances.iter().map(|third| third[place]).sum()
     }
 
     /// Adds the products of another channel.

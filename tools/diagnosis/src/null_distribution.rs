@@ -15,11 +15,11 @@ use crate::hypothesis::Hypothesis;
 use crate::measured::{BLOCK, CHANNELS, Series, TIMING, nodes};
 use crate::model_state::{DiagnosisCase, ModelState};
 use crate::noise::Walk;
-use crate::normal_equations::{NormalEquations, ProjectedSignature};
+use crate::normal_equations::NormalEquations;
 use crate::search::{set_penalty, sets};
 use crate::signature::reaches;
 use crate::signature_bank::{Column, HypothesisFamily, SignatureBank, Variation};
-use crate::sweep::{Part, sweep};
+use crate::sweep::{Swept, sweep};
 use crate::whiteness::{kurtosis, whiteness_statistic};
 use crate::whitening::NoiseModel;
 
@@ -163,17 +163,13 @@ fn of_base(
         }
         sums
     };
-    let push = |variation: &Variation, parts: &[Part<[f32; RUNS]>; CHANNELS]| {
+    let push = |variation: &Variation, swept: &Swept<[f32; RUNS]>| {
         let family = &mut largest[base.family(variation).0];
-        for gyros in sets(&base.amplitude, parts.each_ref().map(Option::is_some)) {
-            let chosen: Vec<_> = (0..CHANNELS)
-                .filter(|&channel| reaches(&base.amplitude, &gyros, channel))
-                .filter_map(|channel| parts[channel].as_ref())
-                .collect();
-            let signatures: Vec<_> = chosen.iter().map(|(part, _)| part).collect();
-            let Some(gain) = ProjectedSignature::gain(&signatures) else { continue };
+        for gyros in sets(&base.amplitude, swept.reached()) {
+            let Some(gain) = swept.gain(|channel| reaches(&base.amplitude, &gyros, channel)) else { continue };
             let mut sums = [0.0f32; RUNS];
-            for (_, own) in chosen {
+            for own in (0..CHANNELS).filter(|&channel| reaches(&base.amplitude, &gyros, channel)) {
+                let own = swept.linear[own].iter().flatten();
                 sums.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
             }
             // The inverse of the projected signature's square.

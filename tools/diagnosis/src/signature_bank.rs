@@ -4,6 +4,7 @@
 //! the course applied to its increments (an effect that adds a rate, such as a drift) or to its values (one that adds an angle, such as
 //! lost counts), whichever agrees with a run with a step in the middle. This is for the search; the fit runs the model.
 
+use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -14,6 +15,7 @@ use rayon::prelude::*;
 
 use crate::amplitude::{AmplitudeRef, STEP, is_real};
 pub use crate::courses::Variation;
+use crate::course_products::ProductCache;
 use crate::courses::{Courses, Mode, SHORTEST_BLOCKS, is_onset};
 use crate::gyros::ALL_GYROS;
 use crate::hypothesis::Hypothesis;
@@ -54,7 +56,10 @@ pub struct ConstantSignature {
     pub is_linear: bool,
     /// Averages over blocks.
     pub series: [Arc<[f64]>; CHANNELS],
-    mode: Mode,
+    /// How its time courses are applied.
+    pub mode: Mode,
+    /// Products of its time courses.
+    pub products: ProductCache,
 }
 
 impl ConstantSignature {
@@ -174,6 +179,7 @@ impl SignatureBank {
                     is_linear: true,
                     series: std::array::from_fn(of_channel),
                     mode: Mode::Rate,
+                    products: ProductCache::default(),
                 }
             };
             four.iter().enumerate().map(base).collect()
@@ -210,6 +216,7 @@ impl SignatureBank {
             is_linear,
             series: run(&hypothesis(size)).map(Arc::from),
             mode,
+            products: ProductCache::default(),
         };
         let mut small = signature(limits.max * SHARE, Mode::Rate, true);
         // A run with a step in the middle, with a larger value that tests linearity.
@@ -269,6 +276,11 @@ impl SignatureBank {
             all.extend(self.courses.variations(kind, base.mode));
         }
         all
+    }
+
+    /// Values of a time course from its first block on; `None` for a constant.
+    pub fn values(&self, base: &ConstantSignature, variation: &Variation) -> Option<Cow<'_, [f64]>> {
+        self.courses.values(base.mode, variation, variation.first_block()..self.courses.blocks())
     }
 
     /// Signature of a time course, per unit; `None` on channels that it does not reach. That of a jump ends when the filter forgets it.

@@ -7,11 +7,11 @@ use crate::courses::is_onset;
 use crate::gyros::Gyros;
 use crate::hypothesis::Hypothesis;
 use crate::measured::{BLOCK_S, CHANNELS};
-use crate::normal_equations::{NormalEquations, ProjectedSignature, SignatureFit};
+use crate::normal_equations::{NormalEquations, SignatureFit};
 use crate::shape_search::maximise;
 use crate::signature::{Signature, reaches};
 use crate::signature_bank::{ConstantSignature, HypothesisFamily, SignatureBank, Variation};
-use crate::sweep::{Part, sweep};
+use crate::sweep::{Swept, sweep};
 
 /// A signature with a time course on some gyros, and its fit.
 #[derive(Debug, Clone)]
@@ -118,11 +118,9 @@ pub fn spots(
 ) -> Vec<Spot> {
     let base = &bank.bases[index];
     let mut best: Vec<Spot> = Vec::new();
-    let push = |variation: &Variation, parts: &[Part<()>; CHANNELS]| {
-        for gyros in sets(parts.each_ref().map(Option::is_some)) {
-            let chosen = (0..CHANNELS).filter(|&channel| reaches(&base.amplitude, &gyros, channel));
-            let parts = chosen.filter_map(|channel| parts[channel].as_ref().map(|(part, ())| part));
-            let Some(gain) = ProjectedSignature::gain(&parts.collect::<Vec<_>>()) else { continue };
+    let push = |variation: &Variation, swept: &Swept<()>| {
+        for gyros in sets(swept.reached()) {
+            let Some(gain) = swept.gain(|channel| reaches(&base.amplitude, &gyros, channel)) else { continue };
             let is_same = |other: &Spot| other.variation.kind() == variation.kind() && other.gyros == gyros;
             let place = best.iter().position(is_same);
             if place.is_some_and(|place| best[place].gain.chi2 >= gain.chi2) {

@@ -4,6 +4,8 @@
 //! deviation is white. The filter is linear and independent of the data, thus the same for a residual and for every signature (Willsky and Jones).
 //! After a restart of the sum the first block only initialises the angle.
 
+use std::hash::Hasher;
+
 use crate::measured::{BLOCK, BLOCK_S, Block};
 use crate::rounding::BlockRounding;
 
@@ -137,6 +139,30 @@ impl Whitening {
         });
         innovations.collect()
     }
+
+    /// Derivatives of the product of `white` with a whitened series by the increments of that series.
+    pub fn transposed(&self, white: &[f64]) -> Vec<f64> {
+        let mut derivatives = vec![0.0; white.len()];
+        let (mut innovation, mut turn, mut error) = (0.0, 0.0, 0.0);
+        for ((step, white), derivative) in self.steps.iter().zip(white).zip(&mut derivatives).rev() {
+            let later = innovation;
+            innovation =
+                step.weight * white + step.remainder * later + step.gains[0] * turn + step.gains[1] * error;
+            turn -= later;
+            error = step.persistence * error - (step.persistence - 1.0) * later;
+            *derivative = innovation;
+        }
+        derivatives
+    }
+
+    /// Adds its numbers to a hash.
+    pub fn hash(&self, hasher: &mut impl Hasher) {
+        for Step { remainder, gains, persistence, weight } in &self.steps {
+            for number in [remainder, &gains[0], &gains[1], persistence, weight] {
+                hasher.write_u64(number.to_bits());
+            }
+        }
+    }
 }
 
 #[cfg(test)]
@@ -147,6 +173,26 @@ mod tests {
     fn draw(state: &mut u64) -> f64 {
         *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (*state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+    }
+
+    #[test]
+    fn transposed_filter_gives_the_product_with_a_whitened_series() {
+        let noise = NoiseModel { white: 1.0 / 120.0, angle_walk: 0.01, rate_walk: 8e-6 };
+        let mut blocks = vec![Block { is_good: true, is_compared: true, restarts: false }; 300];
+        blocks[90] = Block { is_good: false, is_compared: false, restarts: true };
+        let rounding = BlockRounding { variance: 0.05, correlation: 0.7, second_difference: 0.1, reference_walk: 0.0 };
+        let whitening = Whitening::new(&noise, &blocks, &vec![rounding; blocks.len()]);
+        let mut state = 3;
+        let [series, other]: [Vec<f64>; 2] = std::array::from_fn(|_| (0..300).map(|_| draw(&mut state)).collect());
+        for from in [0, 40] {
+            let white = whitening.apply_from(from, &series[from..]);
+            let product: f64 = white.iter().zip(&other[from..]).map(|(one, other)| one * other).sum();
+            let derivatives = whitening.transposed(&other);
+            let increments = series[from..].windows(2).map(|pair| pair[1] - pair[0]);
+            let increments = std::iter::once(series[from]).chain(increments);
+            let transposed: f64 = increments.zip(&derivatives[from..]).map(|(one, other)| one * other).sum();
+            assert!((product - transposed).abs() < 1e-9 * product.abs().max(1.0), "{product} {transposed}");
+        }
     }
 
     #[test]
