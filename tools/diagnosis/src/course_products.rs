@@ -40,13 +40,16 @@ impl CourseProducts {
     }
 }
 
+/// Key of a noise and products with it.
+type NoiseProducts = (u64, Arc<CourseProducts>);
+
 /// The products of a signature, for the noises used last; copies share them.
 #[derive(Debug, Clone, Default)]
-pub struct ProductCache(Arc<Mutex<Vec<(u64, Arc<CourseProducts>)>>>);
+pub struct ProductCache(Arc<Mutex<Vec<NoiseProducts>>>);
 
 impl ProductCache {
     /// Products with the noise of these equations.
-    pub fn of(&self, normal: &NormalEquations) -> Option<Arc<CourseProducts>> {
+    pub fn with_noise(&self, normal: &NormalEquations) -> Option<Arc<CourseProducts>> {
         let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         kept.iter().find(|(key, _)| *key == normal.key()).map(|(_, products)| products.clone())
     }
@@ -77,7 +80,7 @@ struct KeptChannel {
     next: usize,
     /// Factor of each block's value of a time course, for the product with the residual.
     residual: Vec<f64>,
-    /// The same for the products with the other nuisances, with their places.
+    /// Factors for the products with the other nuisances, with their places.
     others: Vec<(usize, Vec<f64>)>,
 }
 

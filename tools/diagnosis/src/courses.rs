@@ -1,4 +1,4 @@
-//! Searched time courses: their grid, and their values in each block. Those of the grid are cached, since every signature uses them.
+//! Searched time courses: their grid, and their values in each block. The grid is cached, since every signature uses it.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -119,7 +119,7 @@ pub struct Courses {
     excess_k: Vec<f64>,
     /// Rate of change of that, K/h.
     rate_k_per_h: Vec<f64>,
-    /// Values of those of the grid that depend on time alone, from the first block on, once they were asked for.
+    /// Values of the grid's courses of time alone, from the first block on, once they were asked for.
     grid: Arc<HashMap<Key, OnceLock<Vec<f64>>>>,
 }
 

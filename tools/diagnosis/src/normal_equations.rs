@@ -1,6 +1,8 @@
 //! Least squares on whitened channels: nuisances are projected out of the residual and of every signature. Products are kept per third
 //! of the recording, so that each third can be predicted from the other two.
 
+mod products;
+
 use std::hash::{DefaultHasher, Hasher};
 use std::sync::OnceLock;
 
@@ -14,6 +16,8 @@ use crate::measured::{CHANNELS, Series};
 use crate::signature_bank::Column;
 use crate::whitening::Whitening;
 
+pub use products::{Products, ProjectedSignature, SignatureFit, distinguishable};
+
 /// Parts of the recording, each held out in turn.
 pub const THIRDS: usize = 3;
 /// Share added to the diagonal, so that directions without information remain solvable.
@@ -26,8 +30,6 @@ const LAUNCH_SIGMAS: [f64; Calibration::NUMBERS.len()] = [2000e-6, 600.0 / 7200.
 const HELD_OUT_RIDGE: f64 = 1e-4;
 /// A third is not predictable if the others hold less than this share of the information on an amplitude.
 const MIN_INFORMATION: f64 = 0.2;
-/// A signature is not distinguishable from the nuisances if they leave less than this share of its square.
-const MIN_REMAINDER: f64 = 1e-4;
 
 /// Signature of a nuisance: averages over blocks for each channel that it reaches.
 pub type Nuisance = [Option<Vec<f64>>; CHANNELS];
@@ -59,52 +61,6 @@ pub struct NormalEquations {
 /// Derivatives of products with a whitened series by the increments of that series: for the residual, and for nuisances of hypotheses,
 /// with their places.
 pub type Transposed = (Vec<f64>, Vec<(usize, Vec<f64>)>);
-
-/// Products of one signature with itself, with the residual and with the nuisances, for each third. Products of channels add up.
-#[derive(Debug, Clone)]
-pub struct Products {
-    own: [f64; THIRDS],
-    residual: [f64; THIRDS],
-    nuisances: [Vec<f64>; THIRDS],
-}
-
-/// A signature, or its part on one channel, projected on the nuisances.
-#[derive(Debug, Clone)]
-pub struct ProjectedSignature {
-    pub(crate) own: f64,
-    pub(crate) right: f64,
-    pub(crate) part: DVector<f64>,
-}
-
-impl ProjectedSignature {
-    /// Its square without its projection on the nuisances; `None` if it is not distinguishable from them.
-    fn remaining_square(&self) -> Option<f64> {
-        distinguishable(self.own - self.part.norm_squared(), self.own)
-    }
-}
-
-/// What the nuisances leave of the square of a signature; `None` if it is not distinguishable from them.
-pub fn distinguishable(left: f64, own: f64) -> Option<f64> {
-    (left > MIN_REMAINDER * own && own > 0.0).then_some(left)
-}
-
-/// Fit of a signature to the residual.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SignatureFit {
-    /// Amplitude.
-    pub size: f64,
-    /// 1 sigma.
-    pub sigma: f64,
-    /// χ² reduction.
-    pub chi2: f64,
-}
-
-impl SignatureFit {
-    /// Fit of a signature of which the nuisances leave the square `left`, with this product with the residual.
-    pub fn new(left: f64, right: f64) -> SignatureFit {
-        SignatureFit { size: right / left, sigma: left.sqrt().recip(), chi2: right * right / left }
-    }
-}
 
 impl NormalEquations {
     /// Whitens a residual and the nuisances. The calibration parameters, which are the first nuisances, have already moved by `moved`
@@ -181,7 +137,7 @@ impl NormalEquations {
     pub fn key(&self) -> u64 {
         *self.key.get_or_init(|| {
             let mut hasher = DefaultHasher::new();
-            self.whitenings.iter().for_each(|whitening| whitening.hash(&mut hasher));
+            self.whitenings.iter().for_each(|whitening| whitening.add_to_hash(&mut hasher));
             let columns = self.columns[..self.of_recording()].iter().flatten();
             for values in columns {
                 hasher.write_usize(values.as_ref().map_or(0, Vec::len));
@@ -374,37 +330,5 @@ impl NormalEquations {
             right[index] += value * sigma.powi(-2);
         }
         factored(&gram, &scale, HELD_OUT_RIDGE).solve(&scale.component_mul(&right)).component_mul(&scale)
-    }
-}
-
-impl Products {
-    /// Products of an empty signature.
-    pub fn none(nuisances: usize) -> Products {
-        Products {
-            own: [0.0; THIRDS],
-            residual: [0.0; THIRDS],
-            nuisances: std::array::from_fn(|_| vec![0.0; nuisances]),
-        }
-    }
-
-    /// Product with itself.
-    pub fn square(&self) -> f64 {
-        self.own.iter().sum()
-    }
-
-    /// Product with a nuisance.
-    pub fn with_nuisance(&self, place: usize) -> f64 {
-        self.nuisances.iter().map(|third| third[place]).sum()
-    }
-
-    /// Adds the products of another channel.
-    #[must_use]
-    pub fn plus(mut self, other: &Products) -> Products {
-        for third in 0..THIRDS {
-            self.own[third] += other.own[third];
-            self.residual[third] += other.residual[third];
-            self.nuisances[third].iter_mut().zip(&other.nuisances[third]).for_each(|(sum, value)| *sum += value);
-        }
-        self
     }
 }

@@ -14,8 +14,8 @@ use geu_model::time_profile::COURSES;
 use rayon::prelude::*;
 
 use crate::amplitude::{AmplitudeRef, STEP, is_real};
-pub use crate::courses::Variation;
 use crate::course_products::ProductCache;
+pub use crate::courses::Variation;
 use crate::courses::{Courses, Mode, SHORTEST_BLOCKS, is_onset};
 use crate::gyros::ALL_GYROS;
 use crate::hypothesis::Hypothesis;
@@ -56,7 +56,7 @@ pub struct ConstantSignature {
     pub is_linear: bool,
     /// Averages over blocks.
     pub series: [Arc<[f64]>; CHANNELS],
-    /// How its time courses are applied.
+    /// Application of time courses.
     pub mode: Mode,
     /// Products of its time courses.
     pub products: ProductCache,

@@ -21,7 +21,7 @@ const SAME_ONSET_S: f64 = 1e-3;
 
 /// A linear function of a signature on one channel.
 pub trait Linear: Sized {
-    /// Its value if that is the same for all signatures.
+    /// Value if that is one for all signatures.
     const CONSTANT: Option<Self>;
 
     /// Value for the sum of two signatures, each times its factor.
@@ -191,13 +191,13 @@ impl<'a, T: Linear, L: Fn(usize, &Column) -> T> Source<'a, L> {
         linear: L,
     ) -> Source<'a, L> {
         // A linear function requires whitened signatures.
-        let products = T::CONSTANT.and_then(|_| base.products.of(normal));
+        let products = T::CONSTANT.and_then(|_| base.products.with_noise(normal));
         let kept = products.map(|products| KeptProducts::new(products, base, normal));
         Source { bank, normal, base, linear, kept, new: CourseProducts::default() }
     }
 
     fn course(&mut self, variation: &Variation) -> (Course, Swept<T>) {
-        // Products with a part of the recording alone are not kept, nor those that depend on the delay of the temperature.
+        // Products with a part of the recording alone are not kept, nor products with courses of the temperature, which has a delay.
         let is_kept = variation.is_of_time() && !matches!(variation, Variation::Onset { .. });
         let (course, linear) = match self.kept.as_mut().filter(|_| is_kept) {
             Some(kept) => {
@@ -226,8 +226,7 @@ impl<'a, T: Linear, L: Fn(usize, &Column) -> T> Source<'a, L> {
             }
             Some(self.normal.project(&products?))
         });
-        let linear =
-            std::array::from_fn(|channel| white[channel].as_ref().map(|white| (self.linear)(channel, white)));
+        let linear = std::array::from_fn(|channel| white[channel].as_ref().map(|white| (self.linear)(channel, white)));
         (Course { white, parts }, linear)
     }
 

@@ -146,8 +146,7 @@ impl Whitening {
         let (mut innovation, mut turn, mut error) = (0.0, 0.0, 0.0);
         for ((step, white), derivative) in self.steps.iter().zip(white).zip(&mut derivatives).rev() {
             let later = innovation;
-            innovation =
-                step.weight * white + step.remainder * later + step.gains[0] * turn + step.gains[1] * error;
+            innovation = step.weight * white + step.remainder * later + step.gains[0] * turn + step.gains[1] * error;
             turn -= later;
             error = step.persistence * error - (step.persistence - 1.0) * later;
             *derivative = innovation;
@@ -156,7 +155,7 @@ impl Whitening {
     }
 
     /// Adds its numbers to a hash.
-    pub fn hash(&self, hasher: &mut impl Hasher) {
+    pub fn add_to_hash(&self, hasher: &mut impl Hasher) {
         for Step { remainder, gains, persistence, weight } in &self.steps {
             for number in [remainder, &gains[0], &gains[1], persistence, weight] {
                 hasher.write_u64(number.to_bits());
@@ -177,10 +176,16 @@ mod tests {
 
     #[test]
     fn transposed_filter_gives_the_product_with_a_whitened_series() {
-        let noise = NoiseModel { white: 1.0 / 120.0, angle_walk: 0.01, rate_walk: 8e-6 };
+        let noise = NoiseModel { white: 1.0 / 120.0, angle_walk: 0.01, rate_walk: 8e-6, scale_walk: 0.0 };
         let mut blocks = vec![Block { is_good: true, is_compared: true, restarts: false }; 300];
         blocks[90] = Block { is_good: false, is_compared: false, restarts: true };
-        let rounding = BlockRounding { variance: 0.05, correlation: 0.7, second_difference: 0.1, reference_walk: 0.0 };
+        let rounding = BlockRounding {
+            variance: 0.05,
+            correlation: 0.7,
+            second_difference: 0.1,
+            reference_walk: 0.0,
+            scale_walk: 0.0,
+        };
         let whitening = Whitening::new(&noise, &blocks, &vec![rounding; blocks.len()]);
         let mut state = 3;
         let [series, other]: [Vec<f64>; 2] = std::array::from_fn(|_| (0..300).map(|_| draw(&mut state)).collect());
