@@ -4,6 +4,7 @@
 //! over all of it.
 
 mod command;
+mod following;
 mod injection;
 #[cfg(test)]
 mod tests;
@@ -23,10 +24,12 @@ use crate::effect::{
 use crate::fault::EffectList;
 use crate::fault::catalogue::UnitFault;
 use crate::fault::engine::FaultEngine;
-use crate::package::{Package, ResolvedGyro, SubStep, Trace};
-use crate::temperature::{Sensor, interpolate};
+use crate::package::{ComputedParts, Package, ResolvedGyro, SubStep, Trace};
+use crate::temperature::Sensor;
+use crate::time_profile::Interval;
 use crate::units::SAMPLE_INTERVAL_S;
 pub use command::CommandResponse;
+pub use following::MeasuredTemperatures;
 pub use injection::InjectionRecord;
 pub use truth::Truth;
 
@@ -93,12 +96,12 @@ pub struct GyroUnit {
     truth: Motion,
     package: Package,
     channels: [Channel; 4],
-    /// Gyros that are counted; the others read nothing.
-    counted: [bool; 4],
+    /// Parts of each gyro that are computed.
+    computed: [ComputedParts; 4],
     wiring: WiringStates,
     sensor: Sensor,
-    /// Sensor temperatures that were measured; where there are any they take the place of the heater.
-    sensor_measured: Vec<(f64, f64)>,
+    /// Temperatures that were measured, in place of those configured and of the heater's.
+    measured: Option<Arc<MeasuredTemperatures>>,
     /// True time since the start, fs, at the start of the running sample interval and at its end.
     start_fs: i128,
     end_fs: i128,
@@ -122,6 +125,10 @@ impl GyroUnit {
     }
 
     pub fn on(configuration: &Configuration, truth: &Truth) -> GyroUnit {
+        GyroUnit::at_start(configuration, truth, None)
+    }
+
+    fn at_start(configuration: &Configuration, truth: &Truth, measured: Option<Arc<MeasuredTemperatures>>) -> GyroUnit {
         let at = |t_s: f64| truth.motion(configuration, t_s);
         let truth = at(0.0);
         let mut unit = GyroUnit {
@@ -129,7 +136,7 @@ impl GyroUnit {
             truth,
             package: Package::start(configuration.seed),
             channels: Gyro::ALL.map(|_| Channel { power: Power::On(0), accumulated: 0.0, rounded: 0.0 }),
-            counted: [true; 4],
+            computed: [ComputedParts::ALL; 4],
             wiring: WiringStates::default(),
             configuration: Arc::new(configuration.clone()),
             faults: FaultEngine::new(configuration),
@@ -137,7 +144,7 @@ impl GyroUnit {
             injected: None,
             heard: Vec::new(),
             sensor: Sensor::WARM,
-            sensor_measured: Vec::new(),
+            measured,
             start_fs: 0,
             end_fs: 0,
             unit: UnitEffects::default(),
@@ -175,23 +182,6 @@ impl GyroUnit {
         self.lost_counts
     }
 
-    /// Accumulated counts as real numbers, in the order of [`Gyro::ALL`]: before rounding, wiring faults, self-test, power and
-    /// saturation.
-    pub fn accumulated_counts(&self) -> [f64; 4] {
-        self.channels.each_ref().map(|channel| channel.accumulated)
-    }
-
-    /// Has the sensor at temperatures that were measured, (time since the start in s, °C) in order of time, instead of where
-    /// its heater would hold it: for a model that follows a recording.
-    pub fn follow_sensor(&mut self, measured: Vec<(f64, f64)>) {
-        self.sensor_measured = measured;
-    }
-
-    /// Counts these gyros alone; the others read nothing: for a model of which some gyros matter.
-    pub fn count_only(&mut self, gyros: [bool; 4]) {
-        self.counted = gyros;
-    }
-
     /// The motion of the moment that is counted.
     pub fn motion(&self) -> &Motion {
         &self.motion
@@ -210,7 +200,8 @@ impl GyroUnit {
     fn end<T: Probe>(&mut self) -> (CompletedSample, [T; 4]) {
         let (start_s, end_s) = (self.start_fs as f64 * 1e-15, self.end_fs as f64 * 1e-15);
         let mut taps: [T; 4] = std::array::from_fn(|_| T::default());
-        let mut counts = self.count(start_s, end_s, &mut taps);
+        let (mut counts, interval) = self.count(start_s, end_s, &mut taps);
+        self.apply_wiring(&interval, &mut counts, &mut taps);
         let mut sample = Sample::default();
         let mut is_synchronous = self.apply_power(&mut counts, &mut sample, &mut taps);
         let before = counts;
@@ -270,8 +261,8 @@ impl GyroUnit {
         (steps, truths)
     }
 
-    /// Counts of a sample, rounded and with wiring faults.
-    fn count<T: Probe>(&mut self, start_s: f64, end_s: f64, taps: &mut [T; 4]) -> [f64; 4] {
+    /// Counts of a sample, rounded, and its interval.
+    fn count<T: Probe>(&mut self, start_s: f64, end_s: f64, taps: &mut [T; 4]) -> ([f64; 4], Interval) {
         let temperatures = self.temperatures(0.5 * (start_s + end_s));
         let interval = temperatures.interval(start_s, end_s);
         let (steps, truths) = self.advance::<T>(start_s, end_s);
@@ -281,22 +272,27 @@ impl GyroUnit {
         let resolved = std::array::from_fn(|index| {
             let (storage, gyro) = (storage.next().expect("one for each"), Some(Gyro::ALL[index]));
             ResolvedGyro {
-                is_counted: self.counted[index],
+                computed: self.computed[index],
                 calibration: &gyros[index].calibration,
                 effects: match faults.moves(EffectList::Head, gyro) {
+                    false if !self.computed[index].is_counted => &gyros[index].effects.constant,
                     false => gyros[index].effects.resolve(&interval, storage),
                     true => storage.insert(faults.moved(gyros[index].effects.at(&interval), EffectList::Head, gyro)),
                 },
                 discovered: &gyros[index].discovered,
             }
         });
-        let wiring: [WiringEffects; 4] = std::array::from_fn(|index| {
-            faults.moved(gyros[index].wiring.at(&interval), EffectList::Wiring, Some(Gyro::ALL[index]))
-        });
         let unquantised = self.package.count(&resolved, &self.unit, &temperatures, &steps, &truths, taps);
-        let mut counts: [f64; 4] = std::array::from_fn(|index| self.channels[index].accumulate(unquantised[index]));
-        WiringEffects::apply(&wiring, &mut self.wiring, &mut counts, taps);
-        counts
+        (std::array::from_fn(|index| self.channels[index].accumulate(unquantised[index])), interval)
+    }
+
+    /// Applies wiring faults to the counts of a sample.
+    fn apply_wiring<T: Probe>(&mut self, interval: &Interval, counts: &mut [f64; 4], taps: &mut [T; 4]) {
+        let wiring: [WiringEffects; 4] = std::array::from_fn(|index| {
+            let configured = self.configuration.gyros[index].wiring.at(interval);
+            self.faults.moved(configured, EffectList::Wiring, Some(Gyro::ALL[index]))
+        });
+        WiringEffects::apply(&wiring, &mut self.wiring, counts, taps);
     }
 
     /// Applies power, self-test and spin-up to counts and validity flags. Returns true if all powered motors are synchronous.
@@ -376,15 +372,9 @@ impl GyroUnit {
     }
 
     fn temperatures(&self, t_s: f64) -> Temperatures {
-        let electronics = &self.configuration.electronics;
-        Temperatures {
-            electronics_c: electronics.at_c(t_s),
-            electronics_rate_k_per_h: electronics.rate_k_per_h(t_s),
-            electronics_reference_c: electronics.numbers.reference_c,
-            sensor_c: match self.sensor_measured.is_empty() {
-                true => self.sensor.temperature_c,
-                false => interpolate(&self.sensor_measured, t_s),
-            },
+        match &self.measured {
+            Some(measured) => measured.at(t_s),
+            None => Temperatures::from_course(&self.configuration.electronics, t_s, self.sensor.temperature_c),
         }
     }
 }

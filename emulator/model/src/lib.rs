@@ -27,6 +27,6 @@ pub mod time_profile;
 pub mod units;
 
 pub use configuration::Configuration;
-pub use gyro_unit::{CommandResponse, CompletedSample, GyroUnit, InjectionRecord, Truth};
+pub use gyro_unit::{CommandResponse, CompletedSample, GyroUnit, InjectionRecord, MeasuredTemperatures, Truth};
 pub use package::Trace;
 pub use simulation::Simulation;

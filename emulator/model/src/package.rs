@@ -109,10 +109,23 @@ impl Probe for Trace {
     }
 }
 
+/// Parts of a gyro that are computed.
+#[derive(Debug, Clone, Copy)]
+pub struct ComputedParts {
+    /// False if its counts are not computed.
+    pub is_counted: bool,
+    /// Effects that may act, as bits in the order of [`GyroEffects::SPECS`].
+    pub effects: u32,
+}
+
+impl ComputedParts {
+    /// All of them.
+    pub const ALL: ComputedParts = ComputedParts { is_counted: true, effects: u32::MAX };
+}
+
 /// One gyro of the package as it stands over a sample interval.
 pub struct ResolvedGyro<'a> {
-    /// False if the gyro's counts are not computed.
-    pub is_counted: bool,
+    pub computed: ComputedParts,
     pub calibration: &'a Calibration,
     pub effects: &'a GyroEffects,
     pub discovered: &'a [Term],
@@ -151,7 +164,7 @@ impl Package {
         taps: &mut [T; 4],
     ) -> [f64; 4] {
         let length_s: f64 = steps.iter().map(|step| step.counted.length_s).sum();
-        for (gyro, states) in gyros.iter().zip(&mut self.heads) {
+        for (gyro, states) in gyros.iter().zip(&mut self.heads).filter(|(gyro, _)| gyro.computed.effects != 0) {
             gyro.effects.begin(states, temperatures, length_s);
         }
         let timings = unit.timing();
@@ -164,7 +177,7 @@ impl Package {
                 look_at_start(taps, &heads, &timings, [truths.get(index).unwrap_or(step), step]);
             }
             unit.apply(&mut self.unit, &mut heads, step, taps);
-            for (index, head) in heads.iter_mut().enumerate().filter(|(index, _)| gyros[*index].is_counted) {
+            for (index, head) in heads.iter_mut().enumerate().filter(|(index, _)| gyros[*index].computed.is_counted) {
                 let surroundings = EffectInputs { step, axes: Axes::of(Gyro::ALL[index]), temperatures, end_s: *end_s };
                 let tap = &mut taps[index];
                 if !gyros[index].discovered.is_empty() {
@@ -173,7 +186,8 @@ impl Package {
                         tap.after(DISCOVERED_COLUMN, head.counts(&SampleTiming::default()));
                     }
                 }
-                gyros[index].effects.apply(&mut self.heads[index], head, &surroundings, tap);
+                let active = gyros[index].computed.effects;
+                gyros[index].effects.apply(active, &mut self.heads[index], head, &surroundings, tap);
                 counts[index] += head.counts(&timing);
                 if T::LOOKS {
                     for (column, timing) in timings.iter().enumerate() {

@@ -73,6 +73,12 @@ impl<E: Effects> EffectConfiguration<E> {
         self
     }
 
+    /// The effects with an amplitude other than 0 or a time course, as bits in the order of the list.
+    pub fn active(&self) -> u32 {
+        let present = (0..self.constant.specs().len()).filter(|&index| self.has(index));
+        present.fold(0, |active, index| active | 1 << index)
+    }
+
     /// True if the effect at `index` has an amplitude other than 0 or a time course.
     pub fn has(&self, index: usize) -> bool {
         let (numbers, amplitudes) = (self.constant.numbers(index), self.constant.specs()[index].amplitudes.len());
@@ -209,13 +215,23 @@ macro_rules! head_effects {
                 $($field.begin(&mut states.$field, temperatures, length_s);)*
             }
 
-            /// Lets every effect act on the head, in order.
+            /// Lets the effects act on the head, in order, that have a bit in `active`.
             #[inline]
-            pub fn apply<T: Probe>(&self, states: &mut HeadStates, head: &mut GyroSubStep, surroundings: &EffectInputs, tap: &mut T) {
+            pub fn apply<T: Probe>(
+                &self,
+                active: u32,
+                states: &mut HeadStates,
+                head: &mut GyroSubStep,
+                surroundings: &EffectInputs,
+                tap: &mut T,
+            ) {
+                const { assert!(GyroEffects::SPECS.len() <= u32::BITS as usize) };
                 let Self { $($field),* } = self;
                 let mut column = HEAD_COLUMNS;
                 $(
-                    $field.apply(&mut states.$field, head, surroundings);
+                    if active & (1 << (column - HEAD_COLUMNS)) != 0 {
+                        $field.apply(&mut states.$field, head, surroundings);
+                    }
                     if T::LOOKS {
                         tap.after(column, head.counts(&SampleTiming::default()));
                     }

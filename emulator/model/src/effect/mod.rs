@@ -23,6 +23,7 @@ pub use list::{EffectConfiguration, Effects};
 use crate::attitude::MotionStep;
 use crate::package::Axes;
 use crate::parameter_spec::ParameterSet;
+use crate::temperature::ElectronicsCourse;
 use crate::time_profile::Interval;
 
 /// Specification of an effect.
@@ -77,6 +78,17 @@ pub struct Temperatures {
 }
 
 impl Temperatures {
+    /// At a time, of electronics with this course.
+    #[inline]
+    pub fn from_course(electronics: &ElectronicsCourse, t_s: f64, sensor_c: f64) -> Temperatures {
+        Temperatures {
+            electronics_c: electronics.at_c(t_s),
+            electronics_rate_k_per_h: electronics.rate_k_per_h(t_s),
+            electronics_reference_c: electronics.numbers.reference_c,
+            sensor_c,
+        }
+    }
+
     /// The sample interval with these temperatures.
     pub fn interval(&self, start_s: f64, end_s: f64) -> Interval {
         let Temperatures { electronics_c, electronics_reference_c, electronics_rate_k_per_h, .. } = *self;

@@ -77,6 +77,30 @@ fn accumulated_counts_stay_within_half_a_count_of_the_unquantised() {
 }
 
 #[test]
+fn a_unit_that_follows_measured_temperatures_counts_as_any_other() {
+    let one_effect = &["gyro.GYRX.pivot-clearance.clearance_arcsec=12"];
+    let of_unit = &["unit.misalignment-thermal.arcsec_per_deg=0.9", "unit.clock-frequency.ppm=14"];
+    let of_temperature = &["temperature.electronics.amplitude_k=5", "gyro.GYRY.drift-temperature.arcsec_per_h_per_k=9"];
+    for overrides in [&[][..], one_effect, of_unit, of_temperature] {
+        let overrides: Vec<String> = overrides.iter().map(|text| (*text).to_owned()).collect();
+        let configuration = Configuration::reference_with(&overrides).expect("valid").without_noise();
+        let temperatures = Arc::new(MeasuredTemperatures::new(&configuration.electronics, &[], 4000));
+        let gyros = [true, true, false, true];
+        let mut following = GyroUnit::following(&configuration, &Truth::Scenario, temperatures, gyros);
+        let mut unit = GyroUnit::new(&configuration);
+        for _ in 0..4000 {
+            assert_eq!(following.count_sample(), unit.end_sample().end_ns);
+        }
+        let (counts, others) = (following.accumulated_counts(), unit.accumulated_counts());
+        for index in (0..4).filter(|&index| gyros[index]) {
+            let error = (counts[index] - others[index]).abs();
+            assert!(error < 1e-6 * others[index].abs().max(1.0), "{overrides:?}: {error}");
+        }
+        assert_eq!(counts[2], 0.0);
+    }
+}
+
+#[test]
 fn self_test_adds_its_counts_for_its_samples_and_flags_them() {
     let (mut plain, mut tested) = (unit(&[]), unit(&[]));
     assert_eq!(outcome(&mut tested, &[4, 0b0101, 0, 100, 3]), CommandResult::Done);

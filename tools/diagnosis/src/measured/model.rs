@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use geu_model::units::{SAMPLE_INTERVAL_NS, SAMPLE_INTERVAL_S};
-use geu_model::{Configuration, GyroUnit, Truth};
+use geu_model::{Configuration, GyroUnit, MeasuredTemperatures, Truth};
 
 use crate::time_origin::shift_origin;
 
@@ -35,32 +35,33 @@ impl MeasuredData {
     /// A run that counts only these gyros.
     fn run_on(&self, gyros: [bool; 4], configuration: &Configuration, shifts: Shifts) -> Series {
         let reference = self.runs.delayed(&self.reference, shifts.lag_s);
-        let model = self.without_noise(configuration, shifts.temperature_s);
-        let mut unit = GyroUnit::on(&model, &Truth::Recorded(reference));
-        unit.follow_sensor(table(&self.counts.sensor_c, 0.0));
-        unit.count_only(gyros);
+        let temperatures = self.runs.temperatures(&configuration.electronics, shifts.temperature_s, || {
+            let mut electronics = configuration.electronics.clone();
+            electronics.follow(table(&self.counts.electronics_c, shifts.temperature_s));
+            MeasuredTemperatures::new(&electronics, &table(&self.counts.sensor_c, 0.0), self.samples)
+        });
+        let model = self.without_noise(configuration);
+        let mut unit = GyroUnit::following(&model, &Truth::Recorded(reference), temperatures, gyros);
         let mut series: Series = std::array::from_fn(|_| Vec::with_capacity(self.samples + 1));
         series.iter_mut().for_each(|channel| channel.push(0.0));
         for node in 1..=self.samples {
-            let ended = unit.end_sample();
+            let end_ns = unit.count_sample();
             for (channel, counts) in series.iter_mut().zip(unit.accumulated_counts()) {
                 channel.push(counts);
             }
-            let late_ns = ended.end_ns - node as i64 * SAMPLE_INTERVAL_NS;
+            let late_ns = end_ns - node as i64 * SAMPLE_INTERVAL_NS;
             series[TIMING].push(late_ns as f64 * 1e-9 / TIMING_UNIT_S);
         }
         series
     }
 
-    /// The configuration as the model of this recording: without noise and wiring faults, which exact checks have corrected, at the
-    /// measured temperatures.
-    fn without_noise(&self, configuration: &Configuration, temperature_s: f64) -> Configuration {
+    /// The configuration as the model of this recording: without noise and wiring faults, which exact checks have corrected.
+    fn without_noise(&self, configuration: &Configuration) -> Configuration {
         let mut model = configuration.without_noise();
         model.gyros.iter_mut().for_each(|gyro| gyro.wiring = Default::default());
         if self.start_s != 0.0 {
             shift_origin(&mut model, self.start_s);
         }
-        model.electronics.follow(table(&self.counts.electronics_c, temperature_s));
         model
     }
 }

@@ -5,9 +5,10 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use geu_model::Configuration;
 use geu_model::attitude::RecordedAttitude;
 use geu_model::configuration::GyroConfiguration;
+use geu_model::temperature::ElectronicsCourse;
+use geu_model::{Configuration, MeasuredTemperatures};
 
 use super::series::{CHANNELS, Shifts, TIMING};
 
@@ -21,6 +22,8 @@ pub(super) struct ModelCache {
     kept: Mutex<Vec<Run>>,
     /// The motion delayed by the last lag.
     delayed: Mutex<Option<(f64, Arc<RecordedAttitude>)>>,
+    /// The measured temperatures with the last delay and the reference temperature.
+    temperatures: Mutex<Option<([f64; 2], Arc<MeasuredTemperatures>)>>,
 }
 
 /// A copy of a recording may change: it starts with an empty cache.
@@ -58,6 +61,25 @@ impl ModelCache {
                 let delayed = Arc::new(RecordedAttitude::clone(motion).starting_at(motion.start_s() + lag_s));
                 *kept = Some((lag_s, delayed.clone()));
                 delayed
+            }
+        }
+    }
+
+    /// The measured temperatures with a delay.
+    pub(super) fn temperatures(
+        &self,
+        electronics: &ElectronicsCourse,
+        late_s: f64,
+        measured: impl FnOnce() -> MeasuredTemperatures,
+    ) -> Arc<MeasuredTemperatures> {
+        let key = [late_s, electronics.numbers.reference_c];
+        let mut kept = self.temperatures.lock().unwrap_or_else(PoisonError::into_inner);
+        match &*kept {
+            Some((own, temperatures)) if *own == key => temperatures.clone(),
+            _ => {
+                let temperatures = Arc::new(measured());
+                *kept = Some((key, temperatures.clone()));
+                temperatures
             }
         }
     }

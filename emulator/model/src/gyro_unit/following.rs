@@ -1,0 +1,73 @@
+//! A unit that follows a recording: its temperatures were measured, and its counts alone matter.
+
+use std::sync::Arc;
+
+use geu_protocol::Gyro;
+
+use super::{GyroUnit, Truth};
+use crate::configuration::Configuration;
+use crate::effect::Temperatures;
+use crate::package::ComputedParts;
+use crate::temperature::{ElectronicsCourse, SENSOR_NOMINAL_C, interpolate};
+use crate::units::SAMPLE_INTERVAL_S;
+
+/// Temperatures that were measured, in the middle of each sample interval.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeasuredTemperatures(Vec<Temperatures>);
+
+impl MeasuredTemperatures {
+    /// Temperatures of electronics with a course, and of a sensor with points (time since the start in s, °C) in order of time.
+    pub fn new(electronics: &ElectronicsCourse, sensor: &[(f64, f64)], samples: usize) -> MeasuredTemperatures {
+        let of_sample = |sample: usize| {
+            let t_s = (sample as f64 + 0.5) * SAMPLE_INTERVAL_S;
+            let sensor_c = if sensor.is_empty() { SENSOR_NOMINAL_C } else { interpolate(sensor, t_s) };
+            Temperatures::from_course(electronics, t_s, sensor_c)
+        };
+        MeasuredTemperatures((0..samples.max(1)).map(of_sample).collect())
+    }
+
+    /// In the sample interval that contains this time, held before the first and after the last.
+    #[inline]
+    pub(super) fn at(&self, t_s: f64) -> Temperatures {
+        let sample = (t_s / SAMPLE_INTERVAL_S) as usize;
+        self.0[sample.min(self.0.len() - 1)]
+    }
+}
+
+impl GyroUnit {
+    /// A unit at these temperatures, at the start of its first sample interval, which counts these gyros alone; the others read nothing.
+    /// Effects that are absent are not computed.
+    pub fn following(
+        configuration: &Configuration,
+        truth: &Truth,
+        measured: Arc<MeasuredTemperatures>,
+        gyros: [bool; 4],
+    ) -> GyroUnit {
+        let unit = GyroUnit::at_start(configuration, truth, Some(measured));
+        let has_plan = !unit.faults.is_empty();
+        let of_gyro = |index: usize| {
+            let effects = if has_plan { u32::MAX } else { configuration.gyros[index].effects.active() };
+            ComputedParts { is_counted: gyros[index], effects }
+        };
+        GyroUnit { computed: std::array::from_fn(of_gyro), ..unit }
+    }
+
+    /// Ends the running sample interval and begins the next, without flags, wiring faults and self-test; returns its scheduled end, ns.
+    pub fn count_sample(&mut self) -> i64 {
+        if !self.faults().is_empty() {
+            return self.end_sample().end_ns;
+        }
+        let end_ns = self.running_end_ns();
+        self.count(self.start_fs as f64 * 1e-15, self.end_fs as f64 * 1e-15, &mut [(); Gyro::ALL.len()]);
+        self.ended += 1;
+        self.start_fs = self.end_fs;
+        self.begin();
+        end_ns
+    }
+
+    /// Accumulated counts as real numbers, in the order of [`Gyro::ALL`]: before rounding, wiring faults, self-test, power and
+    /// saturation.
+    pub fn accumulated_counts(&self) -> [f64; 4] {
+        self.channels.each_ref().map(|channel| channel.accumulated)
+    }
+}
