@@ -9,6 +9,7 @@ mod decode;
 mod decode_live;
 mod diagnose;
 mod diagnose_gap;
+mod diagnose_next;
 mod diagnose_page;
 mod diagnose_rates;
 mod diagnose_real;

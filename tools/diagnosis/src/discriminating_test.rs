@@ -1,148 +1,220 @@
-//! The discriminating manoeuvre of indistinguishable hypotheses: the model simulates manoeuvres that could follow the recording, and
-//! the one after which the two signatures differ most is reported.
+//! The discriminating manoeuvre of indistinguishable hypotheses: the model simulates sequences of manoeuvres. The shortest sequence that
+//! separates the two in a recording by itself, whichever is true, is proposed.
 //!
-//! A manoeuvre begins sun-pointing and at thermal rest, with the drift random walk and time courses as the recording left them.
-//! Amplitudes and nuisance parameters are free over recording and manoeuvre together; the alternative's shape parameters keep the
-//! values of the recording.
+//! A sequence begins sun-pointing and at thermal rest, with the drift random walk and time courses as the recording left them. Its
+//! recording is diagnosed by itself: all parameters of the false hypothesis are fitted to it, with the calibration parameters.
+
+mod separation;
+mod sequences;
 
 use std::sync::{Arc, OnceLock};
 
-use geu_model::attitude::{AttitudeProfile, Manoeuvre, RecordedAttitude, Scenario};
-use geu_model::parameter_spec::DefaultValue;
-use geu_model::simulation::ReferenceSource;
+use geu_model::Configuration;
 use geu_model::units::{ORBIT_S, SAMPLE_INTERVAL_S};
-use geu_model::{Configuration, Truth};
 use rayon::prelude::*;
 
 use crate::alternatives::{AMBIGUITY_CHI2, Alternative};
+use crate::fitted_hypothesis::FittedHypothesis;
 use crate::hypothesis::Hypothesis;
-use crate::measured::{BLOCK, Block, CHANNELS, MeasuredData, PlannedMotion, Series};
-use crate::model_state::{DiagnosisCase, FittedHypothesis, ModelState};
-use crate::normal_equations::{NormalEquations, Nuisance};
+use crate::measured::{BLOCK, MeasuredData};
+use crate::model_state::{DiagnosisCase, ModelState};
+use crate::next_manoeuvre::{DiscriminatingTest, NO_TEST, NextManoeuvre, SURE_SIGMA};
+use crate::normal_equations::Nuisance;
 use crate::rounding::Rounding;
-use crate::signature::Signature;
-use crate::whitening::Whitening;
+use separation::{Separation, Signatures, fitted_chi2, in_place};
+use sequences::{Sequence, planned};
 
-/// θ before and after a manoeuvre.
-const THETA_DEG: f64 = 90.0;
-/// Length of a rest.
-const REST_S: f64 = 3600.0;
-/// Limits of a manoeuvre's length; the longest is little more than an orbit.
-const MIN_S: f64 = 120.0;
-const MAX_S: f64 = 7200.0;
-/// Share of the present cosine below which a manoeuvre lowers it.
-const LOWERED: f64 = 0.9;
-/// Separation beyond doubt, five sigma.
-const SURE_CHI2: f64 = 25.0;
+/// Number of sequences that are compared at once by signatures, number of fits for one pair, and factor between their durations.
+const AT_ONCE: usize = 8;
+const FITTED: usize = 8;
+const LONGER: f64 = 1.3;
 /// Temperature rise of the electronics.
 const WARMER_K: f64 = 5.0;
-/// Rest after a manoeuvre, so that the reference covers its end.
-const AFTER_S: f64 = 2.0;
 
-/// The sentence without a manoeuvre.
-pub const NO_TEST: &str = "no manoeuvre tried would separate the two";
-
-/// A manoeuvre and its name in a sentence.
+/// A motion that could follow the recording.
 struct Candidate {
-    name: String,
     measured: MeasuredData,
     nuisances: Vec<Nuisance>,
     rounding: Arc<Rounding>,
 }
 
-/// A manoeuvre and the separation of each alternative after it.
-struct Simulated<'a> {
-    name: &'a str,
-    duration_s: f64,
-    separations: Vec<Separation>,
-}
-
-/// Manoeuvres that could follow a recording, simulated on first use.
+/// Motions that could follow a recording, simulated on first use.
 pub struct DiscriminatingTests<'a> {
     case: &'a DiagnosisCase<'a>,
-    manoeuvres: OnceLock<Vec<Candidate>>,
+    sequences: Vec<Sequence>,
+    parts: OnceLock<Vec<Candidate>>,
+    /// Whole sequences.
+    candidates: Vec<OnceLock<Option<Candidate>>>,
 }
 
-/// Separation of two signatures.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Separation {
-    /// Cosine without sign, with the nuisance parameters projected out.
-    cosine: f64,
-    /// Part of the chi2 reduction that the alternative does not explain.
-    chi2: f64,
+/// The hypotheses of one group.
+struct Group<'p> {
+    state: &'p ModelState,
+    index: usize,
+    /// The one found, then its alternatives.
+    hypotheses: Vec<FittedHypothesis>,
+    sizes: Vec<f64>,
 }
 
-impl Separation {
-    fn is_lower_than(&self, before: &Separation) -> bool {
-        self.cosine < LOWERED * before.cosine
+/// Search for the manoeuvre of one alternative.
+#[derive(Debug, Clone, Default)]
+struct Progress {
+    /// The sequence with the largest separation by signatures, and this χ².
+    best: Option<(usize, f64)>,
+    /// The sequence with the largest separation by a fit, and this χ².
+    fitted: Option<(usize, f64)>,
+    fits: usize,
+    /// Duration of the last sequence fitted.
+    last_s: f64,
+}
+
+impl Progress {
+    fn is_sure(&self) -> bool {
+        self.fitted.is_some_and(|(_, chi2)| chi2 >= SURE_SIGMA.powi(2))
+    }
+
+    fn is_open(&self) -> bool {
+        !self.is_sure() && self.fits < FITTED
     }
 }
 
-/// The signatures in one recording or manoeuvre, not whitened.
-struct Signatures {
-    blocks: [Vec<Block>; CHANNELS],
-    rounding: Rounding,
-    nuisances: Vec<Nuisance>,
-    own: Nuisance,
-    alternatives: Vec<Nuisance>,
+impl Candidate {
+    fn new(case: &DiagnosisCase, measured: MeasuredData) -> Candidate {
+        let DiagnosisCase { nuisances, rounding, .. } = DiagnosisCase::new(&measured, case.nominal);
+        Candidate { measured, nuisances, rounding }
+    }
+
+    fn case<'c>(&'c self, nominal: &'c Configuration) -> DiagnosisCase<'c> {
+        let (nuisances, rounding) = (self.nuisances.clone(), self.rounding.clone());
+        DiagnosisCase { measured: &self.measured, nominal, nuisances, rounding }
+    }
 }
 
 impl<'a> DiscriminatingTests<'a> {
     /// For a recording.
     pub fn new(case: &'a DiagnosisCase<'a>) -> DiscriminatingTests<'a> {
-        DiscriminatingTests { case, manoeuvres: OnceLock::new() }
+        let sequences = sequences::sequences(case.nominal);
+        let candidates = sequences.iter().map(|_| OnceLock::new()).collect();
+        DiscriminatingTests { case, sequences, parts: OnceLock::new(), candidates }
     }
 
-    /// Selects, for each indistinguishable alternative of the hypothesis at `index`, the manoeuvre that separates the two.
-    pub fn select(&self, state: &ModelState, index: usize, alternatives: &[Alternative]) -> Vec<Option<String>> {
+    /// Selects, for each indistinguishable alternative of the hypothesis at `index`, the test that separates the two.
+    pub fn select(
+        &self,
+        state: &ModelState,
+        index: usize,
+        alternatives: &[Alternative],
+    ) -> Vec<Option<DiscriminatingTest>> {
         let is_ambiguous = |alternative: &&Alternative| alternative.delta_chi2 < AMBIGUITY_CHI2;
         let ambiguous: Vec<&Alternative> = alternatives.iter().filter(is_ambiguous).collect();
         if ambiguous.is_empty() {
             return vec![None; alternatives.len()];
         }
-        let found = &state.held[index].hypothesis;
-        let hypotheses: Vec<&Hypothesis> = ambiguous.iter().map(|alternative| &alternative.hypothesis).collect();
-        let now = signatures(self.case, state, index, &hypotheses);
-        let is_wave = hypotheses.iter().chain([&found]).any(|hypothesis| is_wave(hypothesis));
-        let manoeuvres = self.manoeuvres.get_or_init(|| self.simulate());
-        let warmings = if is_wave { self.warm() } else { Vec::new() };
-        // The state holds signatures of the recording.
-        let mut state_after = state.clone();
-        state_after.held.iter_mut().for_each(FittedHypothesis::invalidate);
-        let simulated =
-            manoeuvres.par_iter().chain(&warmings).map(|Candidate { name, measured, nuisances, rounding }| {
-                let (nuisances, rounding) = (nuisances.clone(), rounding.clone());
-                let case = DiagnosisCase { measured, nominal: self.case.nominal, nuisances, rounding };
-                let both = now.followed_by(&signatures(&case, &state_after, index, &hypotheses));
-                Simulated { name, duration_s: measured.duration_s(), separations: both.separations(state, found.value) }
-            });
-        let simulated: Vec<Simulated> = simulated.collect();
-        let before = now.separations(state, found.value);
-        let mut tests = ambiguous.iter().enumerate().map(|(place, alternative)| {
-            sentence(alternative.cosine, &before[place], simulated.iter().map(|own| (own, own.separations[place])))
-        });
+        let others: Vec<&Hypothesis> = ambiguous.iter().map(|alternative| &alternative.hypothesis).collect();
+        let hypotheses = in_place(state, index, &others);
+        let sizes = hypotheses.iter().map(|own| own.hypothesis.value).collect();
+        let group = Group { state, index, hypotheses, sizes };
+        let manoeuvres = self.manoeuvres(&group);
+        let mut warmings = self.warmings(&group, &manoeuvres).into_iter();
+        let mut tests =
+            manoeuvres.into_iter().map(|(name, manoeuvre)| test(name, manoeuvre, warmings.next().flatten()));
         alternatives.iter().map(|own| if is_ambiguous(&own) { tests.next() } else { None }).collect()
     }
 
-    fn simulate(&self) -> Vec<Candidate> {
-        let candidate = |(name, motion)| {
-            let measured = self.case.measured.followed_by(motion);
-            let DiagnosisCase { nuisances, rounding, .. } = DiagnosisCase::new(&measured, self.case.nominal);
-            Candidate { name, measured, nuisances, rounding }
+    /// For each alternative the shortest sequence that is sure, otherwise the most effective one, with its name.
+    fn manoeuvres(&self, group: &Group) -> Vec<(String, NextManoeuvre)> {
+        let nominal = self.case.nominal;
+        let parts = self.parts.get_or_init(|| {
+            let planned = |own| planned(nominal, own).expect("a possible excursion");
+            let planned = sequences::parts(nominal).into_par_iter().map(planned);
+            planned.map(|motion| Candidate::new(self.case, self.case.measured.followed_by(motion, nominal))).collect()
+        });
+        let signatures =
+            |own: &Candidate| Signatures::new(&own.case(nominal), group.state, group.index, &group.hypotheses);
+        let parts: Vec<Signatures> = parts.par_iter().map(signatures).collect();
+        let separations = |sequence: &Sequence| {
+            let parts = sequence.parts().into_iter().map(|part| parts[part].clone());
+            let whole = parts.reduce(|whole, part| whole.followed_by(&part)).expect("a rest");
+            whole.separations(&group.state.noise, &group.sizes)
         };
-        manoeuvres(self.case.nominal).into_par_iter().map(candidate).collect()
+        let mut all = vec![Progress::default(); group.hypotheses.len() - 1];
+        for (chunk, sequences) in self.sequences.chunks(AT_ONCE).enumerate() {
+            if !all.iter().any(Progress::is_open) {
+                break;
+            }
+            let separations: Vec<Vec<Separation>> = sequences.par_iter().map(separations).collect();
+            for (within, separations) in separations.iter().enumerate() {
+                for (other, progress) in all.iter_mut().enumerate().filter(|(_, progress)| progress.is_open()) {
+                    let (sequence, chi2) = (chunk * AT_ONCE + within, separations[other].chi2);
+                    if progress.best.is_none_or(|(_, best)| chi2 > best) {
+                        progress.best = Some((sequence, chi2));
+                    }
+                    if chi2 >= SURE_SIGMA.powi(2) && sequences[within].duration_s >= LONGER * progress.last_s {
+                        self.fit(group, other, sequence, progress);
+                    }
+                }
+            }
+        }
+        let of = |(other, mut progress): (usize, Progress)| {
+            if let (None, Some((sequence, _))) = (progress.fitted, progress.best) {
+                self.fit(group, other, sequence, &mut progress);
+            }
+            let (sequence, chi2) = progress.fitted.unwrap_or_default();
+            let sequence = &self.sequences[sequence];
+            let (scenario, duration_s) = (sequence.scenario(nominal), sequence.duration_s);
+            (sequence.name(), NextManoeuvre { scenario, duration_s, sigma: chi2.sqrt() })
+        };
+        all.into_iter().enumerate().map(of).collect()
+    }
+
+    /// Fits the model of a sequence for one alternative.
+    fn fit(&self, group: &Group, other: usize, sequence: usize, progress: &mut Progress) {
+        let nominal = self.case.nominal;
+        let candidate = self.candidates[sequence].get_or_init(|| {
+            let motion = planned(nominal, self.sequences[sequence].scenario(nominal))?;
+            Some(Candidate::new(self.case, self.case.measured.followed_by(motion, nominal)))
+        });
+        let Some(candidate) = candidate else { return };
+        let pair = [&group.hypotheses[0], &group.hypotheses[other + 1]];
+        let chi2 = fitted_chi2(&candidate.case(nominal), group.state, group.index, pair);
+        progress.fits += 1;
+        progress.last_s = self.sequences[sequence].duration_s;
+        if progress.fitted.is_none_or(|(_, fitted)| chi2 > fitted) {
+            progress.fitted = Some((sequence, chi2));
+        }
+    }
+
+    /// For each alternative that no manoeuvre separates, if either follows the temperature or an orbit: the recorded motion
+    /// repeated at other temperatures, with its name.
+    fn warmings(&self, group: &Group, manoeuvres: &[(String, NextManoeuvre)]) -> Vec<Option<(String, Separation)>> {
+        let is_wave = group.hypotheses.iter().any(|own| is_wave(&own.hypothesis));
+        let is_open = |own: &(String, NextManoeuvre)| own.1.sigma < SURE_SIGMA;
+        if !is_wave || !manoeuvres.iter().any(is_open) {
+            return vec![None; manoeuvres.len()];
+        }
+        let of = |case: &DiagnosisCase| Signatures::new(case, group.state, group.index, &group.hypotheses);
+        let now = of(self.case);
+        let separations = |(name, candidate): (String, Candidate)| {
+            let both = now.followed_by(&of(&candidate.case(self.case.nominal)));
+            (name, both.separations(&group.state.noise, &group.sizes))
+        };
+        let all: Vec<(String, Vec<Separation>)> = self.warm().into_par_iter().map(separations).collect();
+        let best = |(other, own): (usize, &(String, NextManoeuvre))| {
+            let of_other = all.iter().map(|(name, separations)| (name.clone(), separations[other]));
+            of_other.max_by(|one, two| one.1.chi2.total_cmp(&two.1.chi2)).filter(|_| is_open(own))
+        };
+        manoeuvres.iter().enumerate().map(best).collect()
     }
 
     /// Repeats the motion at other temperatures, on which the signatures of the calibration parameters hardly depend.
-    fn warm(&self) -> Vec<Candidate> {
+    fn warm(&self) -> Vec<(String, Candidate)> {
         let measured = self.case.measured;
-        let samples = measured.samples.min((MAX_S / SAMPLE_INTERVAL_S) as usize);
+        let samples = measured.samples.min((ORBIT_S / SAMPLE_INTERVAL_S) as usize);
         let known = &measured.counts.electronics_c[..=samples];
         let mean_c = known.iter().sum::<f64>() / known.len() as f64;
         let first =
             |column: &Nuisance| column.each_ref().map(|values| Some(values.as_ref()?[..samples / BLOCK].to_vec()));
-        let candidate = |name: String, measured: MeasuredData| Candidate {
-            name,
+        let candidate = |measured: MeasuredData| Candidate {
             measured,
             nuisances: self.case.nuisances.iter().map(first).collect(),
             rounding: Arc::new(self.case.rounding.each_ref().map(|channel| channel[..samples / BLOCK].to_vec())),
@@ -151,8 +223,8 @@ impl<'a> DiscriminatingTests<'a> {
         let warmer = measured.again(samples, |celsius| celsius + WARMER_K);
         let half_orbit = "the same motion half an orbit later, as the electronics temperature swings the other way,";
         vec![
-            candidate(half_orbit.to_owned(), opposite),
-            candidate(format!("the same motion with the electronics {WARMER_K} K warmer"), warmer),
+            (half_orbit.to_owned(), candidate(opposite)),
+            (format!("the same motion with the electronics {WARMER_K} K warmer"), candidate(warmer)),
         ]
     }
 }
@@ -162,210 +234,21 @@ fn is_wave(hypothesis: &Hypothesis) -> bool {
     hypothesis.profile().is_some_and(|profile| profile.spec.follows_temperature || profile.is_periodic())
 }
 
-/// Describes the shortest manoeuvre that separates the two beyond doubt, otherwise the most effective one.
-fn sentence<'a>(
-    cosine: f64,
-    before: &Separation,
-    simulated: impl Iterator<Item = (&'a Simulated<'a>, Separation)>,
-) -> String {
-    let is_useful = |(_, after): &(&Simulated, Separation)| after.chi2 > AMBIGUITY_CHI2 || after.is_lower_than(before);
-    let useful: Vec<_> = simulated.filter(is_useful).collect();
-    let sure = || useful.iter().filter(|(_, after)| after.chi2 > SURE_CHI2);
-    let duration = |one: &&(&Simulated, Separation), other: &&(&Simulated, Separation)| {
-        one.0.duration_s.total_cmp(&other.0.duration_s)
+/// Describes the manoeuvre, or the motion at other temperatures if that separates the two better than a manoeuvre that is not sure.
+fn test(name: String, manoeuvre: NextManoeuvre, warming: Option<(String, Separation)>) -> DiscriminatingTest {
+    let NextManoeuvre { sigma, duration_s, .. } = manoeuvre;
+    let minutes = (duration_s / 60.0).ceil();
+    let recording = format!("a new recording of {name} ({minutes:.0} min)");
+    let warming = warming.filter(|(_, after)| after.chi2 > AMBIGUITY_CHI2 && after.chi2 > sigma.powi(2));
+    let text = match warming {
+        _ if sigma >= SURE_SIGMA => format!("{recording} would separate the two by {sigma:.1} sigma"),
+        Some((name, Separation { chi2, .. })) => {
+            format!("{name} would separate the two by {:.1} sigma; a scenario does not set temperatures", chi2.sqrt())
+        }
+        None if sigma.powi(2) > AMBIGUITY_CHI2 => {
+            format!("{recording} is the most effective manoeuvre, and reaches only {sigma:.1} sigma")
+        }
+        None => NO_TEST.to_owned(),
     };
-    let best = sure()
-        .filter(|(_, after)| after.is_lower_than(before))
-        .min_by(duration)
-        .or_else(|| sure().min_by(duration))
-        .or_else(|| useful.iter().max_by(|one, other| one.1.chi2.total_cmp(&other.1.chi2)));
-    let Some((Simulated { name, .. }, after)) = best else {
-        return NO_TEST.to_owned();
-    };
-    let (to, sigmas) = (after.cosine, after.chi2.sqrt());
-    match after.is_lower_than(before) {
-        true => {
-            format!(
-                "{name} would bring the cosine from {cosine:.2} to {to:.2}, and separate the two by {sigmas:.1} sigma"
-            )
-        }
-        false => format!("{name} would leave the cosine at {to:.2}, yet separate the two by {sigmas:.1} sigma"),
-    }
-}
-
-/// Each kind of manoeuvre by itself, in both directions, from and back to sun-pointing.
-fn manoeuvres(nominal: &Configuration) -> Vec<(String, PlannedMotion)> {
-    let kinds = Manoeuvre::KINDS.iter().filter_map(|(kind, _)| Manoeuvre::of_kind(kind));
-    let (plain, with_target): (Vec<Manoeuvre>, Vec<Manoeuvre>) = kinds.partition(|own| target(own).is_none());
-    let there_and_back: Vec<(String, [Manoeuvre; 2])> = with_target.iter().flat_map(both_ends).collect();
-    let mut sequences: Vec<(String, Vec<Manoeuvre>)> = Vec::new();
-    for mut manoeuvre in plain {
-        let mut name = with_article(manoeuvre.kind());
-        // A manoeuvre with a length alone is a rest.
-        if let [length] = manoeuvre.numbers().specs() {
-            *manoeuvre.numbers_mut().value_mut(0) = REST_S;
-            name += &format!(" with {} = {REST_S}", length.name);
-        }
-        if AttitudeProfile::new(&scenario(nominal, vec![manoeuvre.clone()])).is_ok() {
-            sequences.extend(backwards(&manoeuvre).map(|(name, backwards)| (name, vec![backwards])));
-            sequences.push((name, vec![manoeuvre]));
-        } else {
-            // It needs another attitude.
-            sequences.extend(there_and_back.iter().map(|(both, [there, back])| {
-                (format!("{both} with {name} between"), vec![there.clone(), manoeuvre.clone(), back.clone()])
-            }));
-        }
-    }
-    sequences.extend(there_and_back.into_iter().map(|(name, both)| (name, both.to_vec())));
-    let mut all: Vec<(String, PlannedMotion)> = Vec::new();
-    for (name, manoeuvres) in sequences {
-        let Some((planned, is_endless)) = planned(nominal, scenario(nominal, manoeuvres)) else { continue };
-        // Two kinds may result in the same motion.
-        if all.iter().all(|(_, other)| other.motion != planned.motion) {
-            let kind = name.split_once(' ').map_or(&name[..], |(_, kind)| kind);
-            all.push((if is_endless { format!("an orbit of {kind}") } else { name }, planned));
-        }
-    }
-    all
-}
-
-/// Index of a manoeuvre's required number: the angle at which it ends.
-fn target(manoeuvre: &Manoeuvre) -> Option<usize> {
-    manoeuvre.numbers().specs().iter().position(|number| number.default == DefaultValue::Required)
-}
-
-/// A manoeuvre to either limit of its target, and back.
-fn both_ends(manoeuvre: &Manoeuvre) -> Vec<(String, [Manoeuvre; 2])> {
-    let Some(target) = target(manoeuvre) else { return Vec::new() };
-    let to = |value: f64| {
-        let mut to = manoeuvre.clone();
-        *to.numbers_mut().value_mut(target) = value;
-        to
-    };
-    let number = &manoeuvre.numbers().specs()[target];
-    let both = |end| (format!("{} to {end}° and back", with_article(manoeuvre.kind())), [to(end), to(THETA_DEG)]);
-    [number.min, number.max].map(both).to_vec()
-}
-
-/// A manoeuvre in the other direction, if it has a signed number.
-fn backwards(manoeuvre: &Manoeuvre) -> Option<(String, Manoeuvre)> {
-    let mut backwards = manoeuvre.clone();
-    let numbers = manoeuvre.numbers().specs();
-    let sign = numbers.iter().position(|number| number.min == -number.max)?;
-    let value = backwards.numbers_mut().value_mut(sign);
-    *value = -*value;
-    Some((format!("{} with {} = {value}", with_article(manoeuvre.kind()), numbers[sign].name), backwards))
-}
-
-fn scenario(nominal: &Configuration, manoeuvres: Vec<Manoeuvre>) -> Scenario {
-    Scenario { theta_deg: THETA_DEG, psi_deg: 0.0, limit_cycle: nominal.scenario.limit_cycle, manoeuvres }
-}
-
-/// The motion of a scenario, and true if it has no end. `None` if it is not possible, too short, too long, or needs an eclipse.
-fn planned(nominal: &Configuration, scenario: Scenario) -> Option<(PlannedMotion, bool)> {
-    AttitudeProfile::new(&scenario).ok()?;
-    let length_s = AttitudeProfile::length_s(&scenario);
-    let duration_s = length_s.unwrap_or(ORBIT_S);
-    if !(MIN_S..=MAX_S).contains(&duration_s) {
-        return None;
-    }
-    let samples = (duration_s / SAMPLE_INTERVAL_S).ceil() as usize;
-    let configuration = Configuration { scenario, ..nominal.clone() };
-    let mut reference = ReferenceSource::new(&configuration, &Truth::Scenario);
-    let mut rows = vec![reference.start()];
-    for node in 1..=samples + (AFTER_S / SAMPLE_INTERVAL_S) as usize {
-        let sample = reference.advance(node as f64 * SAMPLE_INTERVAL_S);
-        if sample.legs.iter().any(|leg| leg.eclipse) {
-            return None;
-        }
-        rows.push(sample.row());
-    }
-    Some((PlannedMotion { motion: RecordedAttitude::new(&rows).ok()?, samples }, length_s.is_none()))
-}
-
-/// A kind of manoeuvre in a sentence: `a Y-scan`.
-fn with_article(kind: &str) -> String {
-    let is_axis = kind.as_bytes().get(1) == Some(&b'-');
-    let (first, rest) = kind.split_at(1);
-    let first = if is_axis { first.to_uppercase() } else { first.to_owned() };
-    let article = if "aeioX".contains(&first) { "an" } else { "a" };
-    format!("{article} {first}{rest}")
-}
-
-/// The signatures of the hypothesis at `index` and of its alternatives in a recording or manoeuvre.
-fn signatures(case: &DiagnosisCase, state: &ModelState, index: usize, alternatives: &[&Hypothesis]) -> Signatures {
-    let mut state = state.clone();
-    let own = case.signature(&state, index);
-    state.held.remove(index);
-    let (_, nuisances) = case.linearised(&mut state);
-    let from = case.run(&state);
-    let signature = |hypothesis: &&Hypothesis| -> Nuisance {
-        let mut with = state.clone();
-        with.held.push(FittedHypothesis::fixed((*hypothesis).clone()));
-        case.measured.difference(&case.run(&with), &from).map(Some)
-    };
-    let alternatives = alternatives.par_iter().map(signature).collect();
-    Signatures {
-        blocks: case.measured.blocks.clone(),
-        rounding: Rounding::clone(&case.rounding),
-        nuisances,
-        own,
-        alternatives,
-    }
-}
-
-impl Signatures {
-    /// The signatures in the recording and a manoeuvre after it.
-    fn followed_by(&self, next: &Signatures) -> Signatures {
-        let join = |(one, other): (&Nuisance, &Nuisance)| -> Nuisance {
-            std::array::from_fn(|channel| {
-                let padded = |values: &Option<Vec<f64>>, signatures: &Signatures| {
-                    values.clone().unwrap_or_else(|| vec![0.0; signatures.blocks[channel].len()])
-                };
-                let is_reached = one[channel].is_some() || other[channel].is_some();
-                is_reached.then(|| [padded(&one[channel], self), padded(&other[channel], next)].concat())
-            })
-        };
-        Signatures {
-            blocks: std::array::from_fn(|channel| [&self.blocks[channel][..], &next.blocks[channel]].concat()),
-            rounding: std::array::from_fn(|channel| [&self.rounding[channel][..], &next.rounding[channel]].concat()),
-            nuisances: self.nuisances.iter().zip(&next.nuisances).map(join).collect(),
-            own: join((&self.own, &next.own)),
-            alternatives: self.alternatives.iter().zip(&next.alternatives).map(join).collect(),
-        }
-    }
-
-    /// Separation of each alternative from the hypothesis with amplitude `size`.
-    fn separations(&self, state: &ModelState, size: f64) -> Vec<Separation> {
-        let whitenings = std::array::from_fn(|channel| {
-            Whitening::new(&state.noise[channel], &self.blocks[channel], &self.rounding[channel])
-        });
-        let zero: Series = self.blocks.each_ref().map(|blocks| vec![0.0; blocks.len()]);
-        let normal = NormalEquations::new(whitenings, &zero, &self.nuisances, &[]);
-        let own = Signature::new(&normal, &self.own);
-        let whole = normal.gain(&own.products).map_or(0.0, |gain| (size / gain.sigma).powi(2));
-        let separation = |alternative: &Nuisance| {
-            let cosine = own.cosine(&normal, &Signature::new(&normal, alternative));
-            Separation { cosine, chi2: whole * (1.0 - cosine * cosine) }
-        };
-        self.alternatives.iter().map(separation).collect()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn manoeuvres_cover_the_kinds_and_have_names() {
-        let names: Vec<String> = manoeuvres(&Configuration::reference()).into_iter().map(|(name, _)| name).collect();
-        for name in [
-            "a Z-scan",
-            "a Y-scan to 120° and back",
-            "a Y-scan to 60° and back with an X-scan between",
-            "an orbit of survey",
-        ] {
-            assert!(names.iter().any(|other| other == name), "{name}: {names:?}");
-        }
-    }
+    DiscriminatingTest { text, manoeuvre: (sigma.powi(2) > AMBIGUITY_CHI2).then_some(manoeuvre) }
 }

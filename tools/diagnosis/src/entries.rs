@@ -17,6 +17,7 @@ use crate::linear_algebra::increment_products;
 use crate::measured::{CHANNELS, TIMING};
 use crate::model_selection::SelectedModel;
 use crate::model_state::{DiagnosisCase, FittedHypothesis, ModelState};
+use crate::next_manoeuvre::DiscriminatingTest;
 use crate::noise::Walk;
 use crate::null_distribution::Thresholds;
 use crate::outcome::{Chi2Fall, Class, Correction, DiagnosedEffect, EstimatedValue, ReportedAlternative};
@@ -89,7 +90,7 @@ impl Entries<'_> {
             all.truncate((in_group + 1).max(ALTERNATIVES));
             let mut tests = tests.select(&selected.state, index, &all[..in_group.min(ALTERNATIVES)]);
             tests.resize(all.len(), None);
-            let reported = |(other, test): (&Alternative, Option<String>)| {
+            let reported = |(other, test): (&Alternative, Option<DiscriminatingTest>)| {
                 ReportedAlternative::new(&other.hypothesis, other.cosine, other.delta_chi2, test)
             };
             DiagnosedEffect {
@@ -190,6 +191,8 @@ impl Entries<'_> {
             cosine: 1.0,
             delta_chi2: None,
             discriminating_test: Some("a time stamp of unit and reference by one clock".to_owned()),
+            next_manoeuvre: None,
+            hypothesis: None,
         };
         Some(DiagnosedEffect {
             chi2: Some(Chi2Fall { fall: (lag_s / sigma).powi(2), threshold: (LAG_S / sigma).powi(2) }),

@@ -6,7 +6,7 @@
 //! - signatures: `courses`, `signature_bank`, `shape_search`;
 //! - statistics: `linear_algebra`, `rounding`, `whitening`, `normal_equations`, `course_products`, `sweep`, `signature`, `spots`, `fitted_hypothesis`, `model_state` (a fit), `noise`, `whiteness`, `search`, `null_distribution`, `temperature_lag`;
 //! - the selection of hypotheses: `model_selection`, `solution`;
-//! - the report: `residual_map`, `alternatives`, `outcome` (types only), `discriminating_test`, `entries`, `cross_validation`, `unexplained`;
+//! - the report: `residual_map`, `alternatives`, `next_manoeuvre`, `outcome` (types only), `discriminating_test`, `entries`, `cross_validation`, `unexplained`;
 //! - the whole: `diagnosis`, `report`.
 
 pub mod alternatives;
@@ -27,6 +27,7 @@ pub mod measured;
 pub mod model_selection;
 pub mod model_state;
 pub mod motion_segments;
+pub mod next_manoeuvre;
 pub mod noise;
 pub mod normal_equations;
 pub mod null_distribution;

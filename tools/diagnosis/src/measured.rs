@@ -4,6 +4,7 @@
 mod dequantised;
 mod model;
 mod model_cache;
+mod planned;
 mod series;
 mod smoothed_reference;
 mod temperature;
@@ -13,10 +14,11 @@ use std::sync::Arc;
 use geu_calibration::{AccumulatedCounts, BreakKind};
 use geu_model::Configuration;
 use geu_model::attitude::RecordedAttitude;
-use geu_model::units::{ORBIT_S, SAMPLE_INTERVAL_S};
+use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_recording::ReferenceAttitude;
 
 use dequantised::dequantise;
+pub use planned::PlannedMotion;
 pub use series::{CHANNELS, Series, Shifts, TIMING};
 pub use smoothed_reference::SmoothedReference;
 
@@ -100,15 +102,6 @@ pub struct MeasuredData {
     late: Vec<f64>,
     /// Time of node 0 since the origin of time courses: 0, or the end of the recording that a planned motion follows.
     start_s: f64,
-}
-
-/// A motion that has not been recorded.
-#[derive(Debug, Clone)]
-pub struct PlannedMotion {
-    /// The motion; time 0 is that of node 0.
-    pub motion: RecordedAttitude,
-    /// Number of samples.
-    pub samples: usize,
 }
 
 impl MeasuredData {
@@ -205,51 +198,6 @@ impl MeasuredData {
     /// True if the channel has a usable block.
     pub fn is_usable(&self, channel: usize) -> bool {
         self.blocks[channel].iter().any(|block| block.is_good)
-    }
-
-    /// A planned motion as a recording that follows this one, at the temperatures of the last orbit.
-    pub fn followed_by(&self, planned: PlannedMotion) -> MeasuredData {
-        let PlannedMotion { motion, samples } = planned;
-        let repeated = |celsius: &[f64]| -> Vec<f64> {
-            let orbit = (ORBIT_S / SAMPLE_INTERVAL_S) as usize;
-            // Less than an orbit does not determine the further course: the last value holds.
-            let period = if celsius.len() > orbit { orbit } else { 1 };
-            let last = celsius.get(celsius.len().saturating_sub(period)..).unwrap_or_default();
-            last.iter().cycle().take(samples + 1).copied().collect()
-        };
-        let mut counts = AccumulatedCounts::starting_at(self.counts.start_ns);
-        counts.is_received = self.counts.is_received;
-        (counts.electronics_c, counts.sensor_c) =
-            (repeated(&self.counts.electronics_c), repeated(&self.counts.sensor_c));
-        counts.accumulated = std::array::from_fn(|_| vec![0.0; samples + 1]);
-        let of_channel = |channel: usize| {
-            let is_good = self.is_usable(channel);
-            (0..samples / BLOCK).map(|number| Block { is_good, is_compared: is_good, restarts: number == 0 }).collect()
-        };
-        MeasuredData {
-            counts,
-            reference: Arc::new(motion),
-            smoothed: None,
-            samples,
-            weights: Default::default(),
-            blocks: std::array::from_fn(of_channel),
-            runs: ModelCache::default(),
-            late: vec![0.0; samples + 1],
-            start_s: self.start_s + self.duration_s(),
-        }
-    }
-
-    /// The first `samples` of the recording repeated right after it, with the electronics at other temperatures.
-    pub fn again(&self, samples: usize, electronics_c: impl Fn(f64) -> f64) -> MeasuredData {
-        let mut again = self.clone();
-        again.samples = samples.min(self.samples);
-        for channel in &mut again.blocks {
-            channel.truncate(again.samples / BLOCK);
-            channel.iter_mut().take(1).for_each(|first| first.restarts = true);
-        }
-        again.counts.electronics_c.iter_mut().for_each(|celsius| *celsius = electronics_c(*celsius));
-        again.start_s += self.duration_s();
-        again
     }
 
     /// Number of blocks of each channel.

@@ -14,6 +14,7 @@ use crate::hypothesis::Hypothesis;
 use crate::measured::{CHANNELS, Series, TIMING};
 use crate::model_selection::SelectionStep;
 use crate::motion_segments::MotionSegment;
+use crate::next_manoeuvre::{DiscriminatingTest, NextManoeuvre};
 use crate::normal_equations::THIRDS;
 use crate::null_distribution::Thresholds;
 use crate::residual_map::ResidualMap;
@@ -254,6 +255,12 @@ pub struct ReportedAlternative {
     /// Measurement that discriminates the two.
     #[serde(default, rename = "remedy", skip_serializing_if = "Option::is_none")]
     pub discriminating_test: Option<String>,
+    /// Manoeuvre that discriminates the two, or does so more than any other.
+    #[serde(skip_deserializing)]
+    pub next_manoeuvre: Option<NextManoeuvre>,
+    /// Fitted in place of the effect; `None` if the model has no such effect.
+    #[serde(skip)]
+    pub hypothesis: Option<Hypothesis>,
 }
 
 impl ReportedAlternative {
@@ -267,15 +274,18 @@ impl ReportedAlternative {
         hypothesis: &Hypothesis,
         cosine: f64,
         delta_chi2: f64,
-        discriminating_test: Option<String>,
+        test: Option<DiscriminatingTest>,
     ) -> ReportedAlternative {
+        let (text, next_manoeuvre) = test.map_or((None, None), |test| (Some(test.text), test.manoeuvre));
         ReportedAlternative {
             code: hypothesis.amplitude.code(),
             formula: hypothesis.amplitude.formula().map(|formula| formula.to_string()),
             gyros: hypothesis.gyros,
             cosine,
             delta_chi2: Some(delta_chi2),
-            discriminating_test,
+            discriminating_test: text,
+            next_manoeuvre,
+            hypothesis: Some(hypothesis.clone()),
         }
     }
 }
@@ -349,4 +359,13 @@ pub struct Diagnosis {
     pub temperature_late_s: f64,
     /// Noise of each channel.
     pub noise: [crate::whitening::NoiseModel; CHANNELS],
+}
+
+impl Diagnosis {
+    /// The next manoeuvre, with the effect and the alternative that it separates: the first that is sure, else the first.
+    pub fn next_manoeuvre(&self) -> Option<(&DiagnosedEffect, &ReportedAlternative, &NextManoeuvre)> {
+        let pairs = || self.entries.iter().flat_map(|entry| entry.alternatives.iter().map(move |other| (entry, other)));
+        let all = || pairs().filter_map(|(entry, other)| Some((entry, other, other.next_manoeuvre.as_ref()?)));
+        all().find(|(_, _, next)| next.is_sure()).or_else(|| all().next())
+    }
 }

@@ -38,6 +38,11 @@ impl Signature {
 
     /// Absolute cosine with another signature, without the projections of both on the nuisances.
     pub fn cosine(&self, normal: &NormalEquations, other: &Signature) -> f64 {
+        self.signed_cosine(normal, other).abs()
+    }
+
+    /// Cosine with its sign.
+    pub fn signed_cosine(&self, normal: &NormalEquations, other: &Signature) -> f64 {
         let of_channel = |(one, other): (&Option<Column>, &Option<Column>)| {
             let (one, other) = (one.as_ref()?, other.as_ref()?);
             let [end, other_end] = [one, other].map(|column| column.from + column.values.len());
@@ -46,6 +51,6 @@ impl Signature {
             (from < to).then(|| dot(&one.values[part(one)], &other.values[part(other)]))
         };
         let both = self.white.iter().zip(&other.white).filter_map(of_channel).sum();
-        normal.cosine(&self.products, &other.products, both).abs().min(1.0)
+        normal.cosine(&self.products, &other.products, both).clamp(-1.0, 1.0)
     }
 }

@@ -38,13 +38,17 @@ pub struct Arguments {
     reference: String,
     /// Read plain CSV of any gyros instead; this file describes it: columns, units, interval, reference (example:
     /// configs/suchai3.toml). --reference is then a CSV with t_s and rate_arcsec_s or rate_x_arcsec_s…, or the described table
-    #[arg(long, value_name = "DESCRIPTION", conflicts_with_all = ["config", "overrides", "manoeuvres", "start", "base", "html", "out"])]
+    #[arg(long, value_name = "DESCRIPTION", conflicts_with_all = ["config", "overrides", "manoeuvres", "start", "base", "html", "out", "next_manoeuvre"])]
     gyro_csv: Option<PathBuf>,
     #[command(flatten)]
     evaluation: EvaluationArgs,
     /// Write the configuration with the found effects, its comments kept
     #[arg(long, value_name = "CONFIG")]
     out: Option<OutputFile>,
+    /// Write a configuration with a scenario that, recorded anew and diagnosed by itself, separates an effect from an alternative that
+    /// this recording does not exclude; for `geu run` and `geu simulate`. Without such a scenario no file is written
+    #[arg(long, value_name = "CONFIG")]
+    next_manoeuvre: Option<OutputFile>,
     /// Seed of the simulated recordings without effects that set the thresholds
     #[arg(long, default_value_t = 1, value_parser = crate::settings::seed)]
     seed: u64,
@@ -106,7 +110,15 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         let Some(file) = &arguments.out else { return Ok(()) };
         file.write(updated_configuration(file, &settings, &diagnosis, &arguments.link)?)
     };
-    let mut failures = [json(), html(), out(), printed].into_iter().filter_map(Result::err);
+    let next = || {
+        let Some(file) = &arguments.next_manoeuvre else { return Ok(()) };
+        let Some(text) = next_manoeuvre(file, &nominal, &diagnosis) else {
+            note(format_args!("geu: {file}: not written: no manoeuvre separates an effect from an alternative\n"));
+            return Ok(());
+        };
+        file.write(text)
+    };
+    let mut failures = [json(), html(), out(), next(), printed].into_iter().filter_map(Result::err);
     if let Some(first) = failures.next() {
         failures.for_each(|further| {
             let _ = further.report();
@@ -114,6 +126,22 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         return Err(first);
     }
     if diagnosis.verdict == Verdict::Unexplained { Err(CommandError::unexplained()) } else { Ok(()) }
+}
+
+/// The configuration with the scenario that separates an effect from an alternative; `None` if no manoeuvre does.
+fn next_manoeuvre(file: &OutputFile, nominal: &Configuration, diagnosis: &Diagnosis) -> Option<String> {
+    let (entry, other, next) = diagnosis.next_manoeuvre()?;
+    let (minutes, sigma) = ((next.duration_s / 60.0).ceil(), next.sigma);
+    let expected = if next.is_sure() { "expected" } else { "expected, the most that a manoeuvre reaches:" };
+    let other = report::alternative_name(entry, other);
+    Some(format!(
+        "# A new recording of this scenario ({minutes:.0} min), diagnosed by itself, separates\n\
+         #     {}\n#     from {other}\n# {expected} by {sigma:.1} sigma. It is that of the unit; or, simulated:\n\
+         #     geu simulate {file} --out DIRECTORY\n\
+         #     geu diagnose --config {file} --link DIRECTORY/link.log --reference DIRECTORY/reference.csv\n\n{}",
+        report::heading(entry),
+        next.configuration(nominal).to_toml(false)
+    ))
 }
 
 /// The configuration with the found effects, each with a comment on recording and accuracy.

@@ -19,7 +19,7 @@ const BEFORE: &str = "previous content";
 const TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Options that write a file, and the other arguments: words with a leading `@` are files of the test directory.
-const CASES: [(&str, &str); 15] = [
+const CASES: [(&str, &str); 16] = [
     ("blind campaign --json", "--config @unit.toml --runs 1 --sizes 12 --duration 900"),
     ("calibrate --html", CALIBRATE),
     ("calibrate --json", CALIBRATE),
@@ -29,6 +29,7 @@ const CASES: [(&str, &str); 15] = [
     ("describe --out", "icd"),
     ("diagnose --html", DIAGNOSE),
     ("diagnose --json", DIAGNOSE),
+    ("diagnose --next-manoeuvre", AMBIGUOUS),
     ("diagnose --out", DIAGNOSE),
     ("reconstruct --out", "--config @unit.toml --link @long/link.log --sse @long/sse.csv"),
     ("replay --junit", "@short.log --tcp 127.0.0.1:0 --speed 100"),
@@ -39,6 +40,9 @@ const CASES: [(&str, &str); 15] = [
 const CALIBRATE: &str =
     "--config @unit.toml --link @long/link.log --manoeuvres @long/manoeuvres.csv --reference @long/reference.csv";
 const DIAGNOSE: &str = "--config @unit.toml --link @quarter/link.log --reference @quarter/reference.csv";
+/// An effect that the recording hardly distinguishes from a dead zone.
+const AMBIGUOUS: &str =
+    "--set gyro.GYRX.output-axis-acceleration.seconds=0.05 --link @quarter/link.log --reference @quarter/reference.csv";
 /// Options that name directories; `directories.rs` tests them.
 const DIRECTORIES: [&str; 5] =
     ["blind hide --out", "checkout --out", "run --record", "simulate --out", "simulate --svg"];

@@ -185,6 +185,8 @@ mod tests {
             cosine: 0.9994,
             delta_chi2,
             discriminating_test: delta_chi2.is_none().then(|| format!("a scan about Y separates {code}")),
+            next_manoeuvre: None,
+            hypothesis: None,
         }
     }
 

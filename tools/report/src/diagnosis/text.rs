@@ -2,7 +2,7 @@
 
 use geu_diagnosis::Verdict;
 use geu_diagnosis::amplitude::AmplitudeRef;
-use geu_diagnosis::discriminating_test::NO_TEST;
+use geu_diagnosis::next_manoeuvre::{NO_TEST, NextManoeuvre};
 use geu_diagnosis::outcome::{
     Chi2Fall, Class, DiagnosedEffect, Diagnosis, EstimatedValue, FollowedTerm, ReportedAlternative, Unexplained,
 };
@@ -62,7 +62,12 @@ pub fn summary(diagnosis: &Diagnosis) -> String {
             text += &format!("   and {further} more, which --verbose and --json list\n");
         }
     }
-    text + &gap(diagnosis) + "\n--verbose prints the whole chain of reasoning, --html FILE draws it.\n"
+    text += &gap(diagnosis);
+    if let Some((_, _, next)) = diagnosis.next_manoeuvre() {
+        let minutes = (next.duration_s / 60.0).ceil();
+        text += &format!("\n--next-manoeuvre FILE writes the scenario of {minutes:.0} min as a configuration.");
+    }
+    text + "\n--verbose prints the whole chain of reasoning, --html FILE draws it.\n"
 }
 
 /// The verdict in plain words.
@@ -163,10 +168,10 @@ fn what_next(entry: &DiagnosedEffect) -> String {
     if same().next().is_none() {
         return "add it to the model: --out CONFIG writes it".to_owned();
     }
-    match same()
-        .filter_map(|other| Some((other, other.discriminating_test.as_ref()?)))
-        .min_by_key(|(_, test)| *test == NO_TEST)
-    {
+    match same().filter_map(|other| Some((other, other.discriminating_test.as_ref()?))).min_by_key(|(other, test)| {
+        let is_sure = other.next_manoeuvre.as_ref().is_some_and(NextManoeuvre::is_sure);
+        (*test == NO_TEST, !is_sure)
+    }) {
         Some((_, test)) if test == NO_TEST => format!("{test}; --out CONFIG writes the likeliest"),
         Some((other, test)) => format!("to separate it from {}: {test}", alternative_name(entry, other)),
         None => "record another motion, which may separate them; --out CONFIG writes the likeliest".to_owned(),

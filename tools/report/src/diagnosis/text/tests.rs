@@ -21,6 +21,8 @@ fn alternative(code: &str, delta_chi2: Option<f64>, test: Option<&str>) -> Repor
         cosine: 0.99,
         delta_chi2,
         discriminating_test: test.map(str::to_owned),
+        next_manoeuvre: None,
+        hypothesis: None,
     }
 }
 
