@@ -10,6 +10,7 @@ mod decode;
 mod diagnose;
 mod matrix;
 mod model;
+mod next_manoeuvre;
 mod process;
 mod rounds;
 
@@ -45,6 +46,8 @@ enum Benchmark {
     Matrix(matrix::Arguments),
     /// Samples per second of the model, beside the same gyros in numpy.
     Model(model::Arguments),
+    /// The manoeuvres that diagnoses propose for ambiguous pairs.
+    NextManoeuvre(next_manoeuvre::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -56,6 +59,7 @@ fn main() -> ExitCode {
         Benchmark::Diagnose(arguments) => diagnose::run(&arguments),
         Benchmark::Matrix(arguments) => matrix::run(&arguments),
         Benchmark::Model(arguments) => model::run(&arguments),
+        Benchmark::NextManoeuvre(arguments) => next_manoeuvre::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
