@@ -9,7 +9,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use geu_model::Configuration;
-use geu_model::parameter_spec::{DefaultValue, Role};
+use geu_model::parameter_spec::{DefaultValue, ParameterSpec, Role};
 use geu_model::time_profile::COURSES;
 use rayon::prelude::*;
 
@@ -272,6 +272,11 @@ impl SignatureBank {
         };
         // A nonlinear amplitude has time courses at a third of its values.
         let is_tried = base.is_linear || (base.size.abs().ln() / SIZE_FACTOR.ln()).round() as i64 % 3 == 0;
+        // Courses at the default width alone.
+        let is_default = |(number, value): (&ParameterSpec, &f64)| {
+            number.role != Role::Width || number.default == DefaultValue::Value(*value)
+        };
+        let is_tried = is_tried && base.amplitude.own_shapes().iter().zip(&base.own_shapes).all(is_default);
         for kind in (0..COURSES.len()).filter(|&kind| is_tried && base.amplitude.with(kind).is_some()) {
             all.extend(self.courses.variations(kind, base.mode));
         }
