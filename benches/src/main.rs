@@ -13,6 +13,7 @@ mod model;
 mod next_manoeuvre;
 mod process;
 mod rounds;
+mod watch;
 
 use std::error::Error;
 use std::process::ExitCode;
@@ -48,6 +49,8 @@ enum Benchmark {
     Model(model::Arguments),
     /// The manoeuvres that diagnoses propose for ambiguous pairs.
     NextManoeuvre(next_manoeuvre::Arguments),
+    /// False alarms of the watch, and its delay by fault.
+    Watch(watch::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -60,6 +63,7 @@ fn main() -> ExitCode {
         Benchmark::Matrix(arguments) => matrix::run(&arguments),
         Benchmark::Model(arguments) => model::run(&arguments),
         Benchmark::NextManoeuvre(arguments) => next_manoeuvre::run(&arguments),
+        Benchmark::Watch(arguments) => watch::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -41,3 +41,4 @@ mod truth_rates;
 mod truth_sampling;
 mod truth_start;
 mod truth_sun;
+mod watch;

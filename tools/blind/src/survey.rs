@@ -139,7 +139,7 @@ impl TrialMotion {
 
     /// The hypothesis with the amplitude at which its signature has this strength. `None` if no amplitude within the limits has, or the
     /// nuisance parameters can replace the effect. Counts are rounded up to whole numbers.
-    pub(super) fn scaled(
+    pub fn scaled(
         &self,
         mut hypothesis: Hypothesis,
         origin: Origin,

@@ -45,7 +45,7 @@ impl std::fmt::Display for BreakKind {
 }
 
 /// The gyros whose count of this sample is unusable, for each reason in turn.
-pub(crate) fn unusable(sample: &Sample) -> [(BreakKind, [bool; 4]); 3] {
+pub fn unusable(sample: &Sample) -> [(BreakKind, [bool; 4]); 3] {
     let flag = |index: usize| sample.gyro_flags & (1 << GYRO_FLAGS[index].bit) != 0;
     [
         (BreakKind::SelfTest, [sample.unit_flags & unit_flag("self_test") != 0; 4]),

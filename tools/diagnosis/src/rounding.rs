@@ -77,24 +77,35 @@ fn of_weights(weights: &[f64], blocks: usize) -> Vec<BlockRounding> {
 }
 
 fn of_channel(angles: &[f64], blocks: usize) -> Vec<BlockRounding> {
-    let mut before = [[0.0_f64; PHASES]; 2];
-    let of_block = |block: usize| {
-        let errors = errors(&angles[nodes(block)]);
+    let mut path = RoundingPath::default();
+    (0..blocks).map(|block| path.push(&angles[nodes(block)])).collect()
+}
+
+/// The statistics of one channel, block after block.
+#[derive(Debug, Clone, Default)]
+pub struct RoundingPath {
+    /// Average errors of the two blocks before, the last first.
+    before: [[f64; PHASES]; 2],
+}
+
+impl RoundingPath {
+    /// Adds a block of accumulated counts before rounding.
+    pub fn push(&mut self, angles: &[f64]) -> BlockRounding {
+        let errors = errors(angles);
         let mean = |of: &dyn Fn(usize) -> f64| (0..PHASES).map(of).sum::<f64>() / PHASES as f64;
-        let [last, second] = before;
+        let [last, second] = self.before;
         let variance = mean(&|phase| errors[phase].powi(2));
         let last_variance = mean(&|phase| last[phase].powi(2));
         let product = mean(&|phase| errors[phase] * last[phase]);
         let scale = (variance * last_variance).sqrt();
-        before = [errors, last];
+        self.before = [errors, last];
         BlockRounding {
             variance,
             correlation: if scale > 0.0 { product / scale } else { 0.0 },
             second_difference: mean(&|phase| (errors[phase] - 2.0 * last[phase] + second[phase]).powi(2)),
             ..BlockRounding::NONE
         }
-    };
-    (0..blocks).map(of_block).collect()
+    }
 }
 
 /// Variance of the angle at the end of a block, counts², with 1 ppm·√s of noise of the scale factor.

@@ -50,6 +50,7 @@ mod simulate;
 mod token;
 mod track;
 mod update;
+mod watch;
 
 use std::process::ExitCode;
 use std::sync::LazyLock;
@@ -85,6 +86,7 @@ subcommands! {
     Describe => describe,
     Decode => decode,
     Track => track,
+    Watch => watch,
 }
 
 static VERSION: LazyLock<String> = LazyLock::new(|| {

@@ -70,4 +70,10 @@ impl GyroUnit {
     pub fn accumulated_counts(&self) -> [f64; 4] {
         self.channels.each_ref().map(|channel| channel.accumulated)
     }
+
+    /// Continues with other numbers from the next sample on: for a model of which parameters are found while it runs.
+    pub fn reconfigure(&mut self, change: impl FnOnce(&mut Configuration)) {
+        change(Arc::make_mut(&mut self.configuration));
+        self.computed.iter_mut().for_each(|own| own.effects = u32::MAX);
+    }
 }

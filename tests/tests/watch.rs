@@ -1,0 +1,152 @@
+//! `geu watch`: a healthy recording, faults on a recording and on a running link, and refused input.
+
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Output, Stdio};
+use std::time::{Duration, Instant};
+
+use geu_tests::emulator::Emulator;
+use geu_tests::geu;
+use serde_json::Value;
+
+/// Length of a recording: a pointing, slews about Y, and most of the scan after them.
+const LENGTH_S: &str = "5400";
+
+fn simulate(out: &Path, duration_s: &str, more: &[&str]) {
+    let arguments = ["simulate", "--duration", duration_s, "--seed", "71"];
+    let output = geu().args(arguments).args(more).arg("--out").arg(out).output().expect("geu starts");
+    assert!(output.status.success(), "{}", text(&output.stderr));
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// Watches a recording.
+fn watch(recording: &Path, with_reference: bool, more: &[&str]) -> Output {
+    let mut command = geu();
+    command.arg("watch").arg(recording.join("link.log"));
+    if with_reference {
+        command.arg("--reference").arg(recording.join("reference.csv"));
+    }
+    command.args(more).output().expect("geu starts")
+}
+
+fn events(output: &Output) -> Vec<Value> {
+    text(&output.stdout).lines().map(|line| serde_json::from_str(line).expect("a line of JSON")).collect()
+}
+
+#[test]
+fn a_healthy_recording_has_no_alarm_with_and_without_reference() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let recording = directory.path().join("healthy");
+    simulate(&recording, LENGTH_S, &[]);
+    for with_reference in [true, false] {
+        let output = watch(&recording, with_reference, &["--strict"]);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        assert_eq!(events(&output), Vec::<Value>::new());
+        assert!(text(&output.stderr).contains("alarms         0"), "{}", text(&output.stderr));
+    }
+}
+
+#[test]
+fn faults_of_a_recording_are_alarms_on_their_gyros_and_the_same_again() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let (recording, plan) = (directory.path().join("faulty"), directory.path().join("plan.toml"));
+    let fault = |gyro: &str, parameter: &str, step: f64| {
+        format!(
+            "[[fault]]\nat_s = 3000.0\ngyro = \"{gyro}\"\nparameter = \"{parameter}\"\ncourse = {{ step = {step} }}\n"
+        )
+    };
+    let drift = fault("GYRZB", "drift.arcsec_per_h", -300.0);
+    fs::write(&plan, drift + &fault("GYRY", "pivot-clearance.clearance_arcsec", 9.0)).expect("written");
+    simulate(&recording, LENGTH_S, &["--faults", plan.to_str().expect("text")]);
+
+    let output = watch(&recording, true, &["--strict"]);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+    let alarms: Vec<Value> = events(&output).into_iter().filter(|event| event["event"] == "alarm").collect();
+    for gyro in ["GYRY", "GYRZB"] {
+        let own: Vec<&Value> = alarms.iter().filter(|alarm| alarm["gyros"][0] == gyro).collect();
+        assert_eq!(own.len(), 1, "{alarms:?}");
+        assert!((3000.0..3600.0).contains(&own[0]["t_s"].as_f64().expect("a time")), "{own:?}");
+        assert!(own[0]["statistic"].as_f64() > own[0]["threshold"].as_f64(), "{own:?}");
+        let keys: Vec<&String> = own[0].as_object().expect("an object").keys().collect();
+        assert_eq!(keys, ["code", "event", "gyros", "statistic", "t_s", "threshold"]);
+    }
+    assert_eq!(alarms.len(), 2, "{alarms:?}");
+    assert_eq!(watch(&recording, true, &[]).stdout, output.stdout, "the same again");
+
+    // Without a reference the pair shows a drift of GYRZB.
+    let pair = events(&watch(&recording, false, &[]));
+    assert_eq!(pair[0]["event"], "alarm", "{pair:?}");
+    assert_eq!(pair[0]["gyros"], serde_json::json!(["GYRZA", "GYRZB"]));
+}
+
+#[test]
+fn a_drift_injected_into_a_running_unit_has_an_alarm_and_a_name() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let truth = directory.path().join("truth");
+    simulate(&truth, LENGTH_S, &[]);
+    let speed = ["--tcp", "127.0.0.1:0", "--control", "127.0.0.1:0", "--speed", "400", "--seed", "71", "--start", "0"];
+    let mut emulator = Emulator::start(1, &speed);
+    let control = emulator.control();
+    let link = emulator.ready[0].strip_prefix("tcp ").expect("a TCP link").to_owned();
+    let mut child = geu()
+        .args(["watch", &link, "--clock", "--reference"])
+        .arg(truth.join("reference.csv"))
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("geu starts");
+    let said = BufReader::new(child.stderr.take().expect("a pipe"));
+    std::thread::spawn(move || said.lines().for_each(drop));
+    // From 3000 s of on-board time: after the start, in the scan.
+    let inject = ["inject", "--control", &control, "drift.arcsec_per_h", "GYRX", "step=400", "at_s=3000"];
+    let output = geu().args(inject).output().expect("geu starts");
+    assert!(output.status.success(), "{}", text(&output.stderr));
+
+    let patience = Instant::now() + Duration::from_secs(60);
+    let mut events: Vec<Value> = Vec::new();
+    for line in BufReader::new(child.stdout.take().expect("a pipe")).lines() {
+        events.push(serde_json::from_str(&line.expect("text")).expect("a line of JSON"));
+        if ["named", "reference-end"].iter().any(|last| events.last().is_some_and(|event| event["event"] == *last))
+            || Instant::now() > patience
+        {
+            break;
+        }
+    }
+    child.kill().expect("it runs");
+    child.wait().expect("its end");
+    let alarm =
+        events.iter().find(|event| event["event"] == "alarm").unwrap_or_else(|| panic!("no alarm in {events:?}"));
+    assert_eq!(alarm["gyros"], serde_json::json!(["GYRX"]), "{events:?}");
+    let named = events.iter().find(|event| event["event"] == "named");
+    assert!(named.is_none_or(|named| named["code"] == "drift"), "{events:?}");
+}
+
+#[test]
+fn refused_input_is_one_message_and_a_closed_output_ends_it_quietly() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let recording = directory.path().join("recording");
+    simulate(&recording, "100", &[]);
+    let link = recording.join("link.log");
+    let refused = |arguments: &[&str], expected: &str| {
+        let output = geu().arg("watch").args(arguments).output().expect("geu starts");
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
+        assert!(said.contains(expected), "{expected} not in {said}");
+        assert!(output.stdout.is_empty());
+    };
+    let link = link.to_str().expect("text");
+    refused(&[link, "--reference", "none.csv"], "none.csv");
+    refused(&[link, "--reference", link], "link.log");
+    refused(&[link, "--config", "none.toml"], "none.toml");
+    refused(&["no-such-link"], "no-such-link");
+
+    let mut child =
+        geu().args(["watch", link, "-q"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("geu starts");
+    drop(child.stdout.take());
+    let output = child.wait_with_output().expect("its end");
+    assert_eq!((output.status.code(), text(&output.stderr)), (Some(0), String::new()));
+}

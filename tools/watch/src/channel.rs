@@ -1,0 +1,162 @@
+//! Alarms of one channel: a gyro against the reference, or the pair GYRZA and GYRZB.
+
+use geu_calibration::noise::ROUNDING_VARIANCE;
+
+use crate::bank::{Bank, LOOK_SAMPLES, OLDEST_SAMPLES};
+use crate::filter::{Filter, Noise, Step};
+use crate::kind::{Kinds, Tape};
+
+/// The stated mean time between false alarms of all channels, days.
+pub const FALSE_ALARM_INTERVAL_DAYS: f64 = 30.0;
+/// Chi-square of one degree of freedom above which a change is an alarm: exceeded at random once in the 12 million looks of that time,
+/// four channels with six kinds each five seconds, at onsets of three ages: older and newer ones give much the same.
+pub const THRESHOLD: f64 = 31.0;
+/// Samples at the start in which states and noise are estimated: half an hour.
+const START_SAMPLES: u64 = 3600;
+/// Samples between two looks at the kinds, a minute, or this share of the time since the alarm.
+const NAMING_SAMPLES: u64 = 120;
+const NAMING_SHARE: u64 = 16;
+/// Minimum number of samples between an alarm and its name: ten minutes, in which other motions may show more.
+const MIN_NAMING_SAMPLES: u64 = 1200;
+/// Trials of the noise: the smallest variance of a residual, its trials and the trials of the angle walk, and the ratio of neighbours: up to
+/// 14″ and 32 times the walk that is configured.
+const MIN_WHITE: f64 = 1e-4;
+const WHITES: i32 = 22;
+const WALKS: i32 = 6;
+const RATIO: f64 = 2.0;
+/// Minimum angle walk, arcsec/√s, and drift walk, arcsec/s/√s: 0.3″ in a day and 1″/h in a day, below which no model is right.
+const MIN_ANGLE_WALK: f64 = 1e-3;
+const MIN_DRIFT_WALK: f64 = 1e-6;
+
+/// A change of the alarm by a sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Change {
+    pub event: &'static str,
+    pub code: &'static str,
+    pub statistic: f64,
+}
+
+/// The alarms of one channel.
+#[derive(Debug, Clone)]
+pub struct Channel {
+    filter: Filter,
+    bank: Bank,
+    tape: Tape,
+    kinds: Kinds,
+    /// The sample of an alarm that has no name yet, and that of the next look at its kinds.
+    alarm: Option<(u64, u64)>,
+    /// The sample of the last name: a gyro with another alarm soon after it is not as the kinds are, and gets no other name.
+    named: Option<u64>,
+    /// The sample until which a float that the model was given finds its place: no alarm before.
+    settled: u64,
+    /// True if the errors of the reference exceed the rounding.
+    is_noisy: bool,
+    /// True if a pivot clearance was named.
+    has_clearance: bool,
+    /// The largest statistic without an alarm.
+    pub largest: f64,
+}
+
+impl Channel {
+    /// A channel with its input axis along this control axis.
+    pub fn new(mut noise: Noise, axis: usize) -> Channel {
+        let walks = &mut noise.walks;
+        walks.angle_arcsec_per_sqrt_s = walks.angle_arcsec_per_sqrt_s.max(MIN_ANGLE_WALK);
+        walks.drift_arcsec_per_s_per_sqrt_s = walks.drift_arcsec_per_s_per_sqrt_s.max(MIN_DRIFT_WALK);
+        noise.white = MIN_WHITE;
+        let (bank, tape) = Default::default();
+        Channel {
+            filter: Filter::new(noise),
+            bank,
+            tape,
+            kinds: Kinds::new(axis),
+            alarm: None,
+            named: None,
+            settled: 0,
+            is_noisy: false,
+            has_clearance: false,
+            largest: 0.0,
+        }
+    }
+
+    /// Adds a sample.
+    pub fn push(&mut self, step: &Step) -> Option<Change> {
+        let now = self.tape.end();
+        let step = &if self.is_noisy { step.of_noisy_reference() } else { *step };
+        self.tape.push(*step);
+        if now < START_SAMPLES {
+            if now + 1 == START_SAMPLES {
+                self.start();
+            }
+            return None;
+        }
+        self.bank.begin(now, &self.filter);
+        let update = self.filter.push(step);
+        self.bank.push(step, update.as_ref());
+        if now < self.settled {
+            self.bank = Bank::default();
+            return None;
+        }
+        let look = |samples: u64| now.is_multiple_of(samples);
+        match self.alarm {
+            None if look(LOOK_SAMPLES) => {
+                let statistic = self.bank.largest();
+                self.largest = self.largest.max(statistic);
+                (statistic > THRESHOLD).then(|| {
+                    self.alarm = Some((now, now + MIN_NAMING_SAMPLES));
+                    Change { event: "alarm", code: "unknown", statistic }
+                })
+            }
+            Some((alarm, next)) if now >= next => {
+                self.alarm = Some((alarm, now + NAMING_SAMPLES.max((now - alarm) / NAMING_SHARE)));
+                let statistic = self.bank.largest();
+                let (code, filter) = self.kinds.compare(&self.tape, &self.bank, THRESHOLD)?;
+                let is_again = self.named.is_some_and(|named| alarm < named + OLDEST_SAMPLES);
+                let code = if is_again { "unknown" } else { code };
+                if code == "unknown" && now < alarm + OLDEST_SAMPLES {
+                    return None;
+                }
+                self.named = Some(now);
+                self.has_clearance |= code == "pivot-clearance";
+                (self.alarm, self.filter, self.bank) = (None, filter, Bank::default());
+                self.kinds.clear();
+                Some(Change { event: "named", code, statistic })
+            }
+            _ => None,
+        }
+    }
+
+    /// The pivot clearance, arcsec, that the model has to have beyond its own after this step, if a clearance was named: by steps, for
+    /// signatures of clearances are not proportional to them.
+    pub fn clearance_arcsec(&mut self, step: &Step) -> Option<f64> {
+        if !self.has_clearance || self.alarm.is_some() || !self.tape.end().is_multiple_of(NAMING_SAMPLES) {
+            return None;
+        }
+        let clearance = self.filter.missing_clearance()?;
+        self.filter.hand_over(clearance, step);
+        (self.bank, self.settled) = (Bank::default(), self.tape.end() + START_SAMPLES);
+        Some(clearance)
+    }
+
+    /// Ends the start with the likeliest noise.
+    fn start(&mut self) {
+        let (mut best, mut noisy) = (None::<Filter>, self.tape.clone());
+        noisy.map(Step::of_noisy_reference);
+        for index in 0..WHITES * WALKS {
+            let mut noise = self.filter.noise;
+            noise.walks.angle_arcsec_per_sqrt_s *= RATIO.powi(index / WHITES);
+            noise.white = MIN_WHITE * RATIO.powi(index % WHITES);
+            let tape = if noise.white > ROUNDING_VARIANCE { &noisy } else { &self.tape };
+            let filter = tape.run(Filter::new(noise), 0, |_, _| ());
+            // One number more is worth one unit.
+            if best.as_ref().is_none_or(|best| filter.log_likelihood > best.log_likelihood + 1.0) {
+                best = Some(filter);
+            }
+        }
+        self.filter = best.unwrap_or_else(|| self.filter.clone());
+        self.is_noisy = self.filter.noise.white > ROUNDING_VARIANCE;
+        if self.is_noisy {
+            self.tape = noisy;
+        }
+    }
+}

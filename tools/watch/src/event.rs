@@ -1,0 +1,36 @@
+//! Events of a monitor.
+
+use geu_protocol::Gyro;
+use serde_json::{Value, json};
+
+/// An event of the link or of a gyro.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Event {
+    /// Time of the link, s.
+    pub t_s: f64,
+    /// `alarm`, `named`, `interruption` or `reference-end`.
+    pub event: &'static str,
+    /// The kind of the change, `unknown`, or the kind of the interruption.
+    pub code: &'static str,
+    pub gyros: [bool; 4],
+    /// Chi-square of the best match, or missing samples.
+    pub statistic: f64,
+    pub threshold: f64,
+}
+
+impl Event {
+    /// The event as one line of JSON.
+    pub fn json(&self) -> Value {
+        let gyros: Vec<&str> =
+            Gyro::ALL.into_iter().filter(|&gyro| self.gyros[gyro as usize]).map(Gyro::name).collect();
+        let round = |value: f64| (value * 1e3).round() * 1e-3;
+        json!({
+            "t_s": self.t_s,
+            "event": self.event,
+            "code": self.code,
+            "gyros": gyros,
+            "statistic": round(self.statistic),
+            "threshold": self.threshold,
+        })
+    }
+}
