@@ -199,6 +199,8 @@ mod tests {
         "simulate --faults",
         "simulate config",
         "track --config",
+        "watch --config",
+        "watch --reference",
     ];
 
     /// Options that `tests/outputs.rs` (files) and `tests/directories.rs` (directories) test.
