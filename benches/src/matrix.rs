@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
@@ -12,7 +13,7 @@ use clap::{Args, value_parser};
 use geu_blind::{InjectedEffect, TrialGenerator, TrialMotion, TrialRun, on_threads};
 use geu_diagnosis::{DiagnosisOptions, Verdict, diagnose_rows};
 use geu_model::Configuration;
-use geu_plant::{GYROS, Gyro, IndependentModel, MotionKind, PlantedEffect, ReferenceKind};
+use geu_plant::{GYROS, Gyro, IndependentModel, MotionKind, PlantedEffect, Recording, ReferenceKind};
 use geu_recording::{DecoderOptions, Defect, InputReader, ReceivedSample, ReferenceAttitude, Sink, Stop};
 
 use crate::Result;
@@ -58,6 +59,9 @@ pub struct Arguments {
     /// Print every recording that is not right
     #[arg(long)]
     misses: bool,
+    /// Write these recordings to this directory: SEED.log, and SEED.csv, the reference
+    #[arg(long, value_name = "DIRECTORY")]
+    keep: Option<PathBuf>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -111,6 +115,11 @@ pub fn run(arguments: &Arguments) -> Result {
         if arguments.misses && !is_right {
             println!("{name}, {:.1} s", run.seconds);
             run.facts().iter().for_each(|(label, value)| println!("    {label:20} {value}"));
+        }
+        if let Some(directory) = arguments.keep.as_ref().filter(|_| !is_right) {
+            let recording = trial.recording(&run.injected.iter().map(planted).collect::<Vec<_>>());
+            fs::write(directory.join(format!("{}.log", trial.seed)), recording.link)?;
+            fs::write(directory.join(format!("{}.csv", trial.seed)), recording.reference)?;
         }
     }
     print(&cells);
@@ -180,13 +189,17 @@ impl Trial {
         Ok(TrialRun::new(&motion, injected, &diagnosis, start.elapsed().as_secs_f64()))
     }
 
-    fn recorded(&self, effects: &[PlantedEffect]) -> Result<(Vec<ReceivedSample>, ReferenceAttitude)> {
+    fn recording(&self, effects: &[PlantedEffect]) -> Recording {
         let model = IndependentModel {
             motion: MOTIONS[self.motion].1,
             reference: REFERENCES[self.reference].1,
             ..IndependentModel::new(self.seed, effects.to_vec())
         };
-        let recording = model.record();
+        model.record()
+    }
+
+    fn recorded(&self, effects: &[PlantedEffect]) -> Result<(Vec<ReceivedSample>, ReferenceAttitude)> {
+        let recording = self.recording(effects);
         let link = tempfile::NamedTempFile::new()?;
         fs::write(link.path(), recording.link)?;
         let (mut reader, mut rows) = (InputReader::new(DecoderOptions::default(), Stop::default()), Rows::default());

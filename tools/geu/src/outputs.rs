@@ -160,7 +160,7 @@ mod tests {
     use super::*;
 
     /// Options that name a path that is read, or is not a result. A new option of this kind is added here.
-    const NO_OUTPUTS: [&str; 38] = [
+    const NO_OUTPUTS: [&str; 40] = [
         "blind campaign --config",
         "blind hide --config",
         "blind score --config",
