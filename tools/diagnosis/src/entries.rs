@@ -150,7 +150,7 @@ impl Entries<'_> {
             state.noise[found.channel] = state.noise[found.channel].with(found.walk, configured);
         }
         let normal = self.case.normal(&mut state);
-        let candidates = search(self.bank, &normal, &state, &|_| 0.0);
+        let candidates = search(self.bank, &normal, &state, None);
         for entry in entries {
             let fall = entry.chi2.map_or(0.0, |chi2| chi2.fall);
             let near = candidates.iter().filter(|candidate| {

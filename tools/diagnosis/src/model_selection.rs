@@ -90,7 +90,7 @@ fn grow(
 ) -> SelectedModel {
     loop {
         let bank_now = bank.late(now.state.shifts.temperature_s);
-        let candidates = search(&bank_now, &now.normal, &now.state, &|family| thresholds.required(family));
+        let candidates = search(&bank_now, &now.normal, &now.state, Some(thresholds));
         let Some(first) = candidates.first() else { break };
         let best = first.gain.chi2 - thresholds.penalty(first.family, &first.hypothesis);
         if now.state.held.len() >= MAX_EFFECTS || (0..TIMING).any(|gyro| now.on(gyro).count() > per_gyro) {
@@ -164,7 +164,7 @@ fn exchange(
     for index in (0..count).filter(|_| count > 1) {
         let (state, normal, chi2) = now.without(case, index);
         let bank_now = bank.late(state.shifts.temperature_s);
-        let candidates = search(&bank_now, &normal, &state, &|family| thresholds.required(family));
+        let candidates = search(&bank_now, &normal, &state, Some(thresholds));
         let Some(fit) = best_fit(case, thresholds, &state, &normal, &candidates) else { continue };
         if score(&fit) <= chi2.fall - chi2.threshold - shape_penalty(&now.state.held[index]) + EXCHANGED_CHI2 {
             continue;

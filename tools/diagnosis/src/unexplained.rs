@@ -50,7 +50,7 @@ pub fn unexplained(
         share if share < 40.0 => "departures in some manoeuvres",
         _ => "departures through most of it",
     };
-    let formulas = search(bank, &explained.normal, &explained.state, &|_| 0.0);
+    let formulas = search(bank, &explained.normal, &explained.state, None);
     let mut follows: Vec<FollowedTerm> = formulas
         .iter()
         .filter(|candidate| candidate.hypothesis.gyros.iter().zip(gyros).all(|(one, other)| !one || other))

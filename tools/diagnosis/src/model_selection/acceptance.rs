@@ -31,7 +31,7 @@ impl SelectedModel {
             return true;
         }
         let margin = |state: &ModelState, normal: &NormalEquations| {
-            let candidates = search(formulas, normal, state, &|family| thresholds.required(family));
+            let candidates = search(formulas, normal, state, Some(thresholds));
             candidates.first().map(|best| best.gain.chi2 - thresholds.required(best.family))
         };
         margin(&self.state, &self.normal).is_some_and(|best| best > 0.0)
