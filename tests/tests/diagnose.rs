@@ -175,7 +175,7 @@ fn false_alarms(seeds: std::ops::Range<u64>, duration_s: f64) -> Vec<u64> {
 }
 
 /// No false alarm in 100 recordings: with 95 % confidence the false alarm rate is below 3 % (0.97¹⁰⁰ is 4.8 %). To show the rate of
-/// 1 % that thresholds are set for would take 300. Each recording is another scenario with its own thresholds, 1 h long.
+/// one in 400 that thresholds are set for would take 1200. Each recording is another scenario with its own thresholds, 1 h long.
 #[test]
 #[ignore = "minutes; .ci/run has it"]
 fn a_hundred_effect_free_recordings_yield_no_detection() {

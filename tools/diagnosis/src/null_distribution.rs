@@ -25,8 +25,8 @@ use crate::whitening::NoiseModel;
 
 /// Number of null recordings.
 pub const RUNS: usize = 128;
-/// Probability of a detection in a recording without effect.
-pub const FALSE_ALARM_RATE: f64 = 0.01;
+/// Probability of a detection in a recording without effect: of those of a hundred recordings, hardly one is false.
+pub const FALSE_ALARM_RATE: f64 = 1.0 / 400.0;
 /// Probability that the residual of a recording without effect, or with the right effects, is not accepted as noise. The residual of a
 /// fit is not quite noise, and that of a missing effect far beyond it.
 const FALSE_REJECTION_RATE: f64 = 0.001;

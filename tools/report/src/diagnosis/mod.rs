@@ -8,6 +8,7 @@ pub mod text;
 use std::fmt::Write;
 
 use geu_diagnosis::model_selection::SelectionStep;
+use geu_diagnosis::null_distribution::FALSE_ALARM_RATE;
 use geu_diagnosis::outcome::{Chi2Fall, Class, DiagnosedEffect, Diagnosis, ReportedAlternative};
 use geu_diagnosis::residual_stats::ResidualStats;
 use geu_diagnosis::search::Candidate;
@@ -106,9 +107,12 @@ impl DiagnosisPage<'_> {
             return "<h2>Found</h2>\n<p>No effect is missing, and the calibration has not moved.</p>\n".to_owned();
         }
         let header = ["effect", "gyros", "", "parameter", "value ± 1 σ", "of the gap", "χ² reduction (threshold)"];
-        let caption = "Found effects: values with one sigma, explained share of the gap, reduction of χ², and its \
-                       threshold at a false alarm rate of 1 %";
-        format!("<h2>Found</h2>\n{}", table(caption, &header, rows))
+        let caption = format!(
+            "Found effects: values with one sigma, explained share of the gap, reduction of χ², and its threshold at one \
+             false alarm in {:.0} recordings",
+            FALSE_ALARM_RATE.recip()
+        );
+        format!("<h2>Found</h2>\n{}", table(&caption, &header, rows))
     }
 
     fn residuals(&self) -> String {
@@ -172,10 +176,11 @@ impl DiagnosisPage<'_> {
     }
 
     fn search(&self) -> String {
-        let mut text = String::from(
+        let mut text = format!(
             "<h2>Search</h2>\n<p>Each round tests every effect of the model on every set of gyros with every time course \
-             beside the accepted ones, and adds the best if its reduction of χ² exceeds the threshold (false alarm rate 1 %) \
-             and it passes cross-validation.</p>\n",
+             beside the accepted ones, and adds the best if its reduction of χ² exceeds the threshold (one false alarm in {:.0} \
+             recordings) and it passes cross-validation.</p>\n",
+            FALSE_ALARM_RATE.recip()
         );
         if self.diagnosis.steps.is_empty() {
             text += "<p>No round was run.</p>\n";

@@ -3,6 +3,7 @@
 use geu_diagnosis::Verdict;
 use geu_diagnosis::amplitude::AmplitudeRef;
 use geu_diagnosis::next_manoeuvre::{NO_TEST, NextManoeuvre};
+use geu_diagnosis::null_distribution::FALSE_ALARM_RATE;
 use geu_diagnosis::outcome::{
     Chi2Fall, Class, DiagnosedEffect, Diagnosis, EstimatedValue, FollowedTerm, ReportedAlternative, Unexplained,
 };
@@ -128,7 +129,8 @@ fn effect_facts(entry: &DiagnosedEffect) -> Vec<Fact> {
 fn how_sure(entry: &DiagnosedEffect) -> String {
     match entry.chi2 {
         Some(Chi2Fall { fall, threshold }) => {
-            format!("chi2 falls by {fall:.0}; noise alone reaches {threshold:.0} once in 100 recordings")
+            let recordings = FALSE_ALARM_RATE.recip();
+            format!("chi2 falls by {fall:.0}; noise alone reaches {threshold:.0} once in {recordings:.0} recordings")
         }
         None => "certain: an exact check of the data found it".to_owned(),
     }
