@@ -17,7 +17,7 @@ use geu_model::attitude::RecordedAttitude;
 use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_recording::ReferenceAttitude;
 
-use dequantised::dequantise;
+use dequantised::{DequantisedAngles, dequantise};
 pub use planned::PlannedMotion;
 pub use series::{CHANNELS, Series, Shifts, TIMING};
 pub use smoothed_reference::SmoothedReference;
@@ -35,6 +35,8 @@ const MIN_BLOCKS: usize = 120;
 
 /// Number of counts that may contradict a path: more, and it is not that of the gyro.
 const MAX_CONTRADICTIONS: usize = 20;
+/// Logarithm of the ratio of likelihoods from which a path with effects is preferred: more than any effect requires, χ² of 40.
+const LIKELIER: f64 = 20.0;
 
 /// Reason why a recording cannot be diagnosed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -263,14 +265,18 @@ impl MeasuredData {
     }
 
     /// The recording with angles in place of counts, estimated for each gyro along the first of these paths that its counts do not
-    /// contradict. A gyro that contradicts all of them keeps its counts.
+    /// contradict, or along a later one that is likelier by far. A gyro that contradicts all of them keeps its counts.
     #[must_use]
     pub fn dequantised(&self, paths: &[Series], angle_walks: [f64; TIMING]) -> MeasuredData {
         let mut measured = self.clone();
         for (gyro, angle_walk) in angle_walks.into_iter().enumerate() {
             let (counts, blocks) = (&self.counts.accumulated[gyro], &self.blocks[gyro]);
-            let mut along = paths.iter().map(|path| dequantise(counts, &path[gyro], blocks, angle_walk));
-            if let Some(own) = along.find(|own| own.contradictions <= MAX_CONTRADICTIONS) {
+            let along = paths.iter().map(|path| dequantise(counts, &path[gyro], blocks, angle_walk));
+            let possible = along.filter(|own| own.contradictions <= MAX_CONTRADICTIONS);
+            let likelier = |first: DequantisedAngles, other: DequantisedAngles| {
+                if other.log_likelihood > first.log_likelihood + LIKELIER { other } else { first }
+            };
+            if let Some(own) = possible.reduce(likelier) {
                 measured.counts.accumulated[gyro] = own.angles;
                 measured.weights[gyro] = Some(Arc::new(own.weights));
             }

@@ -31,6 +31,8 @@ pub struct DequantisedAngles {
     pub weights: Vec<f64>,
     /// Number of counts that contradict the path.
     pub contradictions: usize,
+    /// Logarithm of the likelihood of the counts along the path.
+    pub log_likelihood: f64,
 }
 
 /// The filter: departure from the path, its rate, and their covariance.
@@ -45,7 +47,7 @@ struct Filter {
 /// Dequantises accumulated counts along a path; `angle_walk` is that configured.
 pub fn dequantise(counts: &[f64], path: &[f64], blocks: &[Block], angle_walk: f64) -> DequantisedAngles {
     let (mut angles, mut weights, mut contradictions) = (counts.to_vec(), vec![MIN_WEIGHT; counts.len()], 0);
-    let mut filter: Option<Filter> = None;
+    let (mut filter, mut log_likelihood): (Option<Filter>, f64) = (None, 0.0);
     for node in 1..path.len().min(counts.len()) {
         let residual = counts[node] - path[node];
         let restarts = (node - 1) % BLOCK == 0 && blocks.get((node - 1) / BLOCK).is_some_and(|block| block.restarts);
@@ -55,14 +57,25 @@ pub fn dequantise(counts: &[f64], path: &[f64], blocks: &[Block], angle_walk: f6
         };
         state.predict(angle_walk);
         (angles[node], weights[node]) = match state.update(residual) {
-            Some((departure, weight)) => (path[node] + departure, weight.max(MIN_WEIGHT)),
+            Some(Update { angle, weight, within }) => {
+                log_likelihood += within.max(f64::MIN_POSITIVE).ln();
+                (path[node] + angle, weight.max(MIN_WEIGHT))
+            }
             None => {
                 contradictions += 1;
+                log_likelihood -= CONTRADICTION.powi(2) / 2.0;
                 (counts[node], 1.0 / ROUNDING)
             }
         };
     }
-    DequantisedAngles { angles, weights, contradictions }
+    DequantisedAngles { angles, weights, contradictions, log_likelihood }
+}
+
+/// A count's angle from the path with its weight, and the probability of the count.
+struct Update {
+    angle: f64,
+    weight: f64,
+    within: f64,
 }
 
 impl Filter {
@@ -79,8 +92,8 @@ impl Filter {
         self.dd += rate_walk * T;
     }
 
-    /// Angle and weight by a count that is `residual` from the path; `None` if it contradicts the path, and the filter starts there.
-    fn update(&mut self, residual: f64) -> Option<(f64, f64)> {
+    /// The state by a count that is `residual` from the path; `None` if it contradicts the path, and the filter starts there.
+    fn update(&mut self, residual: f64) -> Option<Update> {
         let sigma = self.aa.sqrt();
         let (low, high) = ((residual - 0.5 - self.departure) / sigma, (residual + 0.5 - self.departure) / sigma);
         if low > CONTRADICTION || high < -CONTRADICTION {
@@ -94,7 +107,7 @@ impl Filter {
         let variance = 1.0 + (low * density(low) - high * density(high)) / within - mean * mean;
         let gain = (1.0 - variance).clamp(0.0, 1.0 - MIN_INFORMATION);
         if gain < MIN_INFORMATION {
-            return Some((self.departure, 0.0));
+            return Some(Update { angle: self.departure, weight: 0.0, within });
         }
         let (angle, weight) = (self.departure + sigma * mean / gain, gain / (self.aa * (1.0 - gain)));
         self.departure += sigma * mean;
@@ -102,7 +115,7 @@ impl Filter {
         self.dd -= self.ad * self.ad * gain / self.aa;
         self.ad *= 1.0 - gain;
         self.aa *= 1.0 - gain;
-        Some((angle, weight))
+        Some(Update { angle, weight, within })
     }
 }
 
