@@ -129,6 +129,11 @@ impl AmplitudeRef {
         }
     }
 
+    /// True if its effect withholds small motions.
+    pub fn filters_motion(&self) -> bool {
+        matches!(self.parameter, AmplitudeSource::Effect(target) if target.filters_motion())
+    }
+
     /// True if both are amplitudes of one effect.
     pub fn is_of_same_effect(&self, other: &AmplitudeRef) -> bool {
         match (self.parameter, other.parameter) {

@@ -40,6 +40,7 @@ pub mod search;
 mod shape_search;
 pub mod signature;
 pub mod signature_bank;
+mod small_motions;
 mod solution;
 mod spots;
 mod sweep;

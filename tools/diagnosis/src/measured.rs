@@ -265,7 +265,7 @@ impl MeasuredData {
     }
 
     /// The recording with angles in place of counts, estimated for each gyro along the first of these paths that its counts do not
-    /// contradict, or along a later one that is likelier by far. A gyro that contradicts all of them keeps its counts.
+    /// contradict, or along a later path if it is likelier by far. A gyro that contradicts all of them keeps its counts.
     #[must_use]
     pub fn dequantised(&self, paths: &[Series], angle_walks: [f64; TIMING]) -> MeasuredData {
         let mut measured = self.clone();

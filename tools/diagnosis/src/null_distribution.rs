@@ -25,7 +25,7 @@ use crate::whitening::NoiseModel;
 
 /// Number of null recordings.
 pub const RUNS: usize = 128;
-/// Probability of a detection in a recording without effect: of those of a hundred recordings, hardly one is false.
+/// Probability of a detection in a recording without effect: below one percent together with the other tests.
 pub const FALSE_ALARM_RATE: f64 = 1.0 / 400.0;
 /// Probability that the residual of a recording without effect, or with the right effects, is not accepted as noise. The residual of a
 /// fit is not quite noise, and that of a missing effect far beyond it.

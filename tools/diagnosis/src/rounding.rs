@@ -12,7 +12,7 @@ use crate::measured::{BLOCK, CHANNELS, MeasuredData, Series, TIMING, nodes};
 /// Phases over which the statistics are taken.
 const PHASES: usize = 32;
 /// Correlation with the motion above which a recording is that of a closed loop.
-pub const CLOSED_LOOP: f64 = 0.2;
+pub const CLOSED_LOOP: f64 = 0.1;
 /// Largest delay of a controller's answer, samples.
 const MAX_LAG: usize = 6;
 /// Samples on either side that define the slow part of a motion.
@@ -125,7 +125,7 @@ fn errors(angles: &[f64]) -> [f64; PHASES] {
 /// Correlation of the motion with the rounding of the counts, the largest of the gyros; 0 with a smoothed reference, which contains them.
 ///
 /// A controller that uses the counts turns the unit back when a count changes. Then signatures made of its small motions contain the
-/// rounding itself, and no null recording along the same motion shows it. Measured in closed loops 0.4 to 0.7, else up to 0.06.
+/// rounding itself, and no null recording along the same motion shows it. Measured in closed loops 0.19 to 0.7, else up to 0.06.
 pub fn correlation_with_motion(measured: &MeasuredData, path: &Series) -> f64 {
     if measured.smoothed.is_some() {
         return 0.0;

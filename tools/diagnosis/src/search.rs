@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use crate::amplitude::AmplitudeRef;
-use crate::gyros::{ALL_GYROS, Gyros, is_within};
+use crate::gyros::{ALL_GYROS, Gyros};
 use crate::hypothesis::Hypothesis;
 use crate::measured::{CHANNELS, TIMING};
 use crate::model_state::ModelState;
@@ -11,7 +11,6 @@ use crate::normal_equations::{NormalEquations, SignatureFit, THIRDS};
 use crate::null_distribution::Thresholds;
 use crate::signature_bank::{HypothesisFamily, SignatureBank};
 use crate::spots::{Spot, spots};
-use crate::whiteness::whiteness_statistic;
 
 /// Maximum rise of χ² in the predictable thirds if one is not predictable: three sigma.
 const MAX_RISE_CHI2: f64 = 9.0;
@@ -60,31 +59,17 @@ pub fn set_penalty(gyros: &Gyros, amplitude: &AmplitudeRef) -> f64 {
 
 /// The best candidate of each amplitude and set of gyros, best first, without any that a configuration cannot contain beside the
 /// hypotheses of the state. Scores have the penalties of `thresholds`, if any.
-///
-/// A motion that answers the counts contains the noise of the gyro. A threshold of the rate or the angle that removes this motion
-/// then removes any noise: with thresholds, it is no candidate on gyros of which the residual is noise already.
 pub fn search(
     bank: &SignatureBank,
     normal: &NormalEquations,
     state: &ModelState,
     thresholds: Option<&Thresholds>,
 ) -> Vec<Candidate> {
-    let is_noise: Gyros = match thresholds {
-        Some(thresholds) => {
-            let (_, channels) = whiteness_statistic(&normal.projected_residual());
-            std::array::from_fn(|gyro| channels[gyro] <= thresholds.whiteness_statistic)
-        }
-        None => [false; TIMING],
-    };
     let is_held =
         |spot: &Spot| state.held.iter().any(|held| held.hypothesis.conflicts(spot.amplitude(bank), &spot.gyros));
     let is_possible = |spot: &Spot| !is_held(spot) && spot.hypothesis(bank).is_within_limits() && spot.is_valid(bank);
-    let of_base = |index: usize| {
-        let base = &bank.bases[index];
-        let is_searched = |set: &Gyros| base.is_linear || !is_within(set, &is_noise);
-        let sets = |reached| sets(&base.amplitude, reached).into_iter().filter(is_searched).collect();
-        spots(bank, normal, index, sets, is_possible)
-    };
+    let of_base =
+        |index: usize| spots(bank, normal, index, |reached| sets(&bank.bases[index].amplitude, reached), is_possible);
     let found: Vec<Vec<Spot>> = (0..bank.bases.len()).into_par_iter().map(of_base).collect();
     let required = |family| thresholds.map_or(0.0, |thresholds| thresholds.required(family));
     let score =

@@ -62,7 +62,6 @@ impl<'a> Solution<'a> {
         let progress = options.progress;
         progress("signatures");
         let mut case = DiagnosisCase::new(measured, nominal);
-        let catalogue = SignatureBank::new(measured, nominal);
         let before = measured.run(nominal, Shifts::default());
         let noise = noise::configured(nominal, measured, &case.rounding, &measured.residual(&before));
         let start = case.start(noise);
@@ -74,6 +73,9 @@ impl<'a> Solution<'a> {
         let noise = noise::configured(nominal, measured, &case.rounding, &measured.residual(&path));
         let start = case.start(noise);
         let correlation = if has_counts { correlation_with_motion(measured, &path) } else { 0.0 };
+        let catalogue = SignatureBank::new(measured, nominal);
+        let contains_noise = !has_counts || correlation > CLOSED_LOOP || measured.smoothed.is_some();
+        let catalogue = if contains_noise { catalogue.without_small_motions(&path) } else { catalogue };
         // In a closed loop the signatures of small motions contain the rounding, and dequantised angles follow one path.
         let has_formulas = has_counts && correlation <= CLOSED_LOOP;
         let formulas = LazyCell::new(|| match has_formulas {

@@ -11,6 +11,9 @@ effect! {
     amplitudes: [{ per_day: 1000.0, per_k: 1000.0 }],
     paper: "0",
     source: "IEEE Std 528, 647",
+    {
+        const FILTERS_MOTION: bool = true;
+    }
 }
 
 impl GyroEffect for DeadZone {

@@ -16,6 +16,8 @@ pub trait Effects: Copy + Default {
     fn consistency_error(&self, index: usize) -> Option<(&'static str, String)>;
     /// See [`super::Effect::IS_NOISE`], of the effect at `index` of [`Effects::specs`].
     fn is_noise(&self, index: usize) -> bool;
+    /// See [`super::Effect::FILTERS_MOTION`], of the effect at `index` of [`Effects::specs`].
+    fn filters_motion(&self, index: usize) -> bool;
 }
 
 /// A list of effects with the courses of their amplitudes.
@@ -139,6 +141,9 @@ macro_rules! effect_list {
             }
             fn is_noise(&self, index: usize) -> bool {
                 [$(<$type as Effect>::IS_NOISE),*][index]
+            }
+            fn filters_motion(&self, index: usize) -> bool {
+                [$(<$type as Effect>::FILTERS_MOTION),*][index]
             }
         }
     };

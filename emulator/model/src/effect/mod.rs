@@ -56,6 +56,8 @@ pub trait Effect: ParameterSet + Default {
     const SPEC: EffectSpec;
     /// True if it draws random numbers: its amplitude is a deviation, and has no signature in the counts.
     const IS_NOISE: bool = false;
+    /// True if it withholds small motions, all of them if it is large enough.
+    const FILTERS_MOTION: bool = false;
 
     /// A number that does not go with the others, each within its own limits, and what was expected of it. Asked with the
     /// amplitudes at the largest that they reach.

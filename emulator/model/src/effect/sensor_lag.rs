@@ -14,6 +14,9 @@ effect! {
     amplitudes: [{ per_day: 10.0, per_k: 10.0 }],
     paper: "0",
     source: "IEEE Std 528, 1431",
+    {
+        const FILTERS_MOTION: bool = true;
+    }
 }
 
 /// Sensed part of the rate about the input axis, arcsec/s; nothing without a lag.

@@ -80,13 +80,18 @@ impl ParameterRef {
 
     /// True if its effect draws random numbers.
     pub fn is_noise(&self) -> bool {
-        self.facts().2
+        self.facts().2[0]
     }
 
-    fn facts(&self) -> (&'static EffectSpec, &'static [ParameterSpec], bool) {
-        fn facts<E: Effects>(effect: usize) -> (&'static EffectSpec, &'static [ParameterSpec], bool) {
+    /// True if its effect withholds small motions.
+    pub fn filters_motion(&self) -> bool {
+        self.facts().2[1]
+    }
+
+    fn facts(&self) -> (&'static EffectSpec, &'static [ParameterSpec], [bool; 2]) {
+        fn facts<E: Effects>(effect: usize) -> (&'static EffectSpec, &'static [ParameterSpec], [bool; 2]) {
             let all = E::default();
-            (&all.specs()[effect], all.numbers(effect).specs(), all.is_noise(effect))
+            (&all.specs()[effect], all.numbers(effect).specs(), [all.is_noise(effect), all.filters_motion(effect)])
         }
         match self.list {
             EffectList::Unit => facts::<UnitEffects>(self.effect),
