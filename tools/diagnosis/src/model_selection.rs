@@ -22,7 +22,7 @@ use crate::signature_bank::SignatureBank;
 use crate::spots::Spot;
 
 use acceptance::REJECTED_CHI2;
-use refine::is_possible;
+use refine::{fit_last, is_possible};
 use selected::shape_penalty;
 
 pub use selected::{IdentifiedNoise, MAX_PER_GYRO, SelectedModel, SelectionStep};
@@ -132,7 +132,7 @@ fn best_fit(
         let mut tried = state.clone();
         let held = FittedHypothesis::new(candidate.hypothesis.clone());
         tried.held.push(held.with_penalty(penalty(candidate), candidate.held_out));
-        let tried_normal = case.fit(&mut tried);
+        let tried_normal = fit_last(case, &mut tried);
         let fall = normal.squares() - tried_normal.squares() - penalty(candidate);
         // The first of the candidates with this spot.
         let key = |spot: &Spot| (spot.base, spot.variation.clone(), spot.gyros);

@@ -2,8 +2,8 @@
 
 use geu_model::parameter_spec::Role;
 
-use crate::model_state::{DiagnosisCase, FittedHypothesis};
-use crate::normal_equations::THIRDS;
+use crate::model_state::{DiagnosisCase, FittedHypothesis, ModelState};
+use crate::normal_equations::{NormalEquations, THIRDS};
 use crate::null_distribution::Thresholds;
 use crate::search::{SHAPE_CHI2, passes_cross_validation};
 use crate::signature_bank::SignatureBank;
@@ -26,6 +26,29 @@ const AMPLITUDE_SIGMAS: f64 = 1.0;
 /// Maximum distance of a number of counts from a whole one, in sigmas.
 const WHOLE_SIGMAS: f64 = 4.0;
 
+/// Fits a state. Between two motions the amplitude of a last hypothesis that settles and its onset are one number: then the onset stays.
+pub(super) fn fit_last(case: &DiagnosisCase, state: &mut ModelState) -> NormalEquations {
+    let before = state.clone();
+    let normal = case.fit(state);
+    let Some((last, start)) = state.held.last().zip(before.held.last()) else { return normal };
+    let parameters = start.hypothesis.parameters();
+    let settles = parameters.iter().any(|parameter| parameter.role == Role::TimeConstant);
+    let onset = parameters.iter().position(|parameter| parameter.role == Role::Onset);
+    let Some(onset) = onset.filter(|&onset| settles && start.is_free[onset] && !is_determined(last)) else {
+        return normal;
+    };
+    *state = before;
+    if let Some(last) = state.held.last_mut() {
+        last.fix(onset, parameters[onset].value);
+    }
+    case.fit(state)
+}
+
+/// True if the amplitude exceeds its sigma: a smaller one is compensated by another parameter of the same hypothesis.
+fn is_determined(held: &FittedHypothesis) -> bool {
+    held.hypothesis.value.abs() > AMPLITUDE_SIGMAS * held.sigmas[0]
+}
+
 /// True if the parameters are within their limits, the amplitude exceeds its sigma, and a number of counts is whole.
 pub(super) fn is_possible(held: &FittedHypothesis) -> bool {
     let size = &held.hypothesis.parameters()[0];
@@ -33,9 +56,7 @@ pub(super) fn is_possible(held: &FittedHypothesis) -> bool {
         let off = (size.value - size.value.round()).abs();
         size.value.round() != 0.0 && off <= WHOLE_SIGMAS * held.sigmas[0].max(0.01)
     };
-    // A smaller amplitude is compensated by another parameter of the same hypothesis.
-    let is_determined = size.value.abs() > AMPLITUDE_SIGMAS * held.sigmas[0];
-    is_whole && is_determined && held.hypothesis.is_within_limits() && held.sigmas[0].is_finite()
+    is_whole && is_determined(held) && held.hypothesis.is_within_limits() && held.sigmas[0].is_finite()
 }
 
 impl SelectedModel {

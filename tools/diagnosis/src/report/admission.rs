@@ -8,12 +8,14 @@ use crate::residual_stats::ResidualStats;
 /// Entries that are not stated, each with the reason.
 pub type Refused = Vec<(DiagnosedEffect, &'static str)>;
 
-/// Growth of the squared gap by one entry that refuses it whatever χ² does, as a share: the residual of a true effect with a
-/// well-determined amplitude grows by its own error only.
+/// Growth of the squared gap by one entry that refuses it whatever χ² does, as a share of the gap as configured: the residual of a true
+/// effect with a well-determined amplitude grows by its own error only.
 const LARGER: f64 = 0.1;
+/// Growth of the squared gap, as a share, that is none: an effect of the times hardly moves the angles.
+const EQUAL: f64 = 0.01;
 
 /// Removes the entries that may not be stated: one below its own threshold, a changed calibration of a gyro left unexplained, and one
-/// that makes the gap larger beside all others, by [`LARGER`] or with χ².
+/// that makes the gap larger beside all others, by [`LARGER`], or by [`EQUAL`] with χ².
 ///
 /// The gyros of a refused effect are unexplained.
 pub fn refuse(
@@ -48,14 +50,15 @@ fn first_refused(
         .or_else(|| of("what moves the calibration of an unexplained gyro is not known", &is_of_unexplained))
         .or_else(|| {
             let all: Vec<&DiagnosedEffect> = entries.iter().collect();
-            let with = gap(&all);
+            let (with, configured) = (gap(&all), gap(&[]));
             // The corrections of an exact check are in the data already.
             let is_harmful = |entry: &DiagnosedEffect| {
                 let others: Vec<&DiagnosedEffect> =
                     entries.iter().filter(|other| !std::ptr::eq(*other, entry)).collect();
                 let without = gap(&others);
-                let is_larger = without.squares < with.squares && without.reduced_chi2 < with.reduced_chi2;
-                entry.chi2.is_some() && (is_larger || (1.0 + LARGER) * without.squares < with.squares)
+                let growth = with.squares - without.squares;
+                let is_larger = growth > EQUAL * without.squares && without.reduced_chi2 < with.reduced_chi2;
+                entry.chi2.is_some() && (is_larger || growth > LARGER * configured.squares)
             };
             of("it makes the gap larger", &is_harmful)
         })
