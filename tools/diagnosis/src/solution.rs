@@ -73,9 +73,9 @@ impl<'a> Solution<'a> {
         let noise = noise::configured(nominal, measured, &case.rounding, &measured.residual(&path));
         let start = case.start(noise);
         let correlation = if has_counts { correlation_with_motion(measured, &path) } else { 0.0 };
-        let catalogue = SignatureBank::new(measured, nominal);
+        let whole = SignatureBank::new(measured, nominal);
         let contains_noise = !has_counts || correlation > CLOSED_LOOP || measured.smoothed.is_some();
-        let catalogue = if contains_noise { catalogue.without_small_motions(&path) } else { catalogue };
+        let catalogue = if contains_noise { whole.clone().without_small_motions(&path) } else { whole.clone() };
         // In a closed loop the signatures of small motions contain the rounding, and dequantised angles follow one path.
         let has_formulas = has_counts && correlation <= CLOSED_LOOP;
         let formulas = LazyCell::new(|| match has_formulas {
@@ -110,7 +110,8 @@ impl<'a> Solution<'a> {
         let mut selected = if single.is_cut { pass(MAX_PER_GYRO) } else { single };
         merge_gyros(&case, &mut selected);
         let needs_formulas = !selected.state.held.is_empty() || !is_noise(&selected, &thresholds);
-        let bank = if needs_formulas { catalogue.and(&formulas) } else { catalogue.clone() };
+        // What is no evidence is an alternative nevertheless.
+        let bank = if needs_formulas { whole.and(&formulas) } else { whole };
         Solution { case, start, bank, thresholds, selected, correlation }
     }
 
