@@ -111,6 +111,34 @@ fn slews_without_a_limit_cycle_yield_no_name() {
     }
 }
 
+/// Small motions against these references contain the noise of the gyros.
+#[test]
+#[ignore = "minutes; .ci/run has it"]
+fn slews_against_slow_references_yield_no_name() {
+    let hertz = |steps: usize, sigma_arcsec: f64| ReferenceKind::Quaternions { steps, sigma_arcsec };
+    for (seed, motion, reference) in [
+        (371, MotionKind::ClosedLoop, hertz(40, 5.0)),
+        (372, MotionKind::ClosedLoop, hertz(40, 5.0)),
+        (373, MotionKind::RateTable, hertz(400, 3.0)),
+    ] {
+        let model = IndependentModel { motion, reference, ..IndependentModel::new(seed, Vec::new()) };
+        assert_consistent(&diagnosed(&model, as_recorded));
+    }
+}
+
+/// The onset is not determined if it lies between two motions.
+#[test]
+#[ignore = "minutes; .ci/run has it"]
+fn what_settles_between_motions_is_named() {
+    for (seed, onset_s) in [(374, 2130.0), (375, 4600.0), (376, 5900.0)] {
+        let numbers = [("y_arcsec", -25.0), ("time_s", onset_s), ("time_constant_s", 2500.0)];
+        let injected = PlantedEffect::new("misalignment-settling", &[Gyro::X], &numbers);
+        let (motion, reference) = (MotionKind::RateTable, STAR_TRACKER);
+        let model = IndependentModel { motion, reference, ..IndependentModel::new(seed, vec![injected.clone()]) };
+        assert_named(&diagnosed(&model, as_recorded), &injected);
+    }
+}
+
 #[test]
 #[ignore = "minutes; .ci/run has it"]
 fn transients_are_named() {

@@ -85,7 +85,7 @@ impl Report<'_> {
         let mut entries = self.entries.faults();
         entries.extend(self.entries.effects(&selected));
         entries.extend(self.entries.lag(&mut selected));
-        entries.extend(self.entries.recalibrations(&selected.state));
+        entries.extend(self.entries.recalibrations(&selected));
         // What moves the calibration of an unexplained gyro is not known.
         entries.retain(|entry| entry.class == Class::MissingEffect || !is_within(&entry.gyros, &unexplained_gyros));
         self.drop_harmful(&mut entries, selected.state.shifts);

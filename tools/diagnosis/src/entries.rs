@@ -16,7 +16,7 @@ use crate::hypothesis::Hypothesis;
 use crate::linear_algebra::increment_products;
 use crate::measured::{CHANNELS, TIMING};
 use crate::model_selection::SelectedModel;
-use crate::model_state::{DiagnosisCase, FittedHypothesis, ModelState};
+use crate::model_state::{DiagnosisCase, FittedHypothesis};
 use crate::next_manoeuvre::DiscriminatingTest;
 use crate::noise::Walk;
 use crate::null_distribution::Thresholds;
@@ -227,11 +227,17 @@ impl Entries<'_> {
     }
 
     /// Calibration parameters with a significant correction.
-    pub fn recalibrations(&self, state: &ModelState) -> Vec<DiagnosedEffect> {
+    ///
+    /// Beside an effect on its gyro a parameter counts with its sigma for that effect: the effect was fitted with it, and without it is
+    /// another one.
+    pub fn recalibrations(&self, selected: &SelectedModel) -> Vec<DiagnosedEffect> {
+        let (state, normal) = (&selected.state, &selected.normal);
+        let has_effect = |gyro: usize| state.held.iter().any(|held| held.hypothesis.gyros[gyro]);
         let mut entries: Vec<DiagnosedEffect> = Vec::new();
         for (index, (gyro, number)) in calibration_parameters().into_iter().enumerate() {
             let (moved, sigma) = (state.calibration[index], state.calibration_sigmas[index]);
-            if moved.abs() <= RECALIBRATED_SIGMAS * sigma || sigma.is_nan() {
+            let own_sigma = if has_effect(gyro as usize) { normal.conditional_sigma(index).min(sigma) } else { sigma };
+            if moved.abs() <= RECALIBRATED_SIGMAS * own_sigma || sigma.is_nan() {
                 continue;
             }
             let Some((amplitude, ratio)) = self.constant_effect(&self.case.nuisances[index], false) else { continue };
@@ -241,7 +247,7 @@ impl Entries<'_> {
             let decimals = (2.0 - sigma.log10().floor()).clamp(0.0, 15.0) as usize;
             let value = format!("{total:.decimals$}").parse().expect("a formatted number");
             let correction = Correction::Calibration { gyro, number, value, decimals };
-            let fall = (moved / sigma).powi(2);
+            let fall = (moved / own_sigma).powi(2);
             let (code, gyros) = (amplitude.code(), only(gyro as usize));
             match entries.iter_mut().find(|entry| entry.code == code && entry.gyros == gyros) {
                 Some(entry) => {

@@ -133,6 +133,11 @@ impl NormalEquations {
         self.columns.len().min(calibration_parameters().len() + 1)
     }
 
+    /// 1 sigma of a nuisance if all others are known.
+    pub fn conditional_sigma(&self, index: usize) -> f64 {
+        self.scale[index]
+    }
+
     /// Hash of the filters and of the nuisances of the recording.
     pub fn key(&self) -> u64 {
         *self.key.get_or_init(|| {
