@@ -117,7 +117,9 @@ impl Channel {
                     return None;
                 }
                 self.named = Some(now);
-                self.has_clearance |= code == "pivot-clearance";
+                if code == "pivot-clearance" {
+                    (self.has_clearance, self.settled) = (true, now + START_SAMPLES);
+                }
                 (self.alarm, self.filter, self.bank) = (None, filter, Bank::default());
                 self.kinds.clear();
                 Some(Change { event: "named", code, statistic })
