@@ -16,6 +16,8 @@ use crate::measured::{BLOCK_S, MeasuredData};
 
 /// Shortest searched time constant or period, in blocks: shorter ones average out.
 pub const SHORTEST_BLOCKS: f64 = 6.0;
+/// That time constant, s.
+pub const SHORTEST_S: f64 = SHORTEST_BLOCKS * BLOCK_S;
 /// Quarter periods in the recording: of the shortest searched period; the longest has two.
 const QUARTER_TURNS: usize = 64;
 /// Searched onsets of permanent effects.
@@ -193,7 +195,7 @@ impl Courses {
             Role::TimeConstant => TIME_CONSTANTS
                 .map(|share| duration_s * share)
                 .into_iter()
-                .filter(|&constant_s| constant_s >= SHORTEST_BLOCKS * BLOCK_S)
+                .filter(|&constant_s| constant_s >= SHORTEST_S)
                 .collect(),
             Role::Phase => vec![0.0],
             // A period.

@@ -3,6 +3,7 @@
 use geu_model::parameter_spec::Role;
 use geu_model::time_profile::COURSES;
 
+use crate::courses::SHORTEST_S;
 use crate::signature_bank::Variation;
 
 /// Number of halvings of the steps.
@@ -48,7 +49,8 @@ pub fn maximise(start: Variation, duration_s: f64, of: &dyn Fn(&Variation) -> f6
                     Role::Phase => f64::INFINITY,
                     _ => 2.01 * duration_s,
                 };
-                let is_inside = (number.min..=number.max).contains(&tried[index]) && tried[index] < max;
+                let min = if number.role == Role::TimeConstant { SHORTEST_S } else { number.min };
+                let is_inside = (min..=number.max).contains(&tried[index]) && tried[index] < max;
                 let value = if is_inside { of(&Variation::Course { kind, shapes: tried.clone() }) } else { f64::NAN };
                 if value > best {
                     (best, shapes, is_higher) = (value, tried, true);

@@ -13,7 +13,7 @@ use crate::model_selection::{MAX_PER_GYRO, SelectedModel, select_model};
 use crate::model_state::{DiagnosisCase, ModelState};
 use crate::noise;
 use crate::null_distribution::{Thresholds, thresholds};
-use crate::rounding::{CLOSED_LOOP, correlation_with_motion, rounding};
+use crate::rounding::{CLOSED_LOOP, CLOSED_LOOP_WITH_EFFECTS, correlation_with_motion, rounding};
 use crate::signature_bank::SignatureBank;
 use crate::whiteness::whiteness_statistic;
 use crate::whitening::NoiseModel;
@@ -72,12 +72,13 @@ impl<'a> Solution<'a> {
         case.rounding = Arc::new(rounding(measured, &path));
         let noise = noise::configured(nominal, measured, &case.rounding, &measured.residual(&path));
         let start = case.start(noise);
-        let correlation = if has_counts { correlation_with_motion(measured, &path) } else { 0.0 };
+        let correlation = |path: &Series| if has_counts { correlation_with_motion(measured, path) } else { 0.0 };
+        let is_loop = correlation(&path) > CLOSED_LOOP;
         let whole = SignatureBank::new(measured, nominal);
-        let contains_noise = !has_counts || correlation > CLOSED_LOOP || measured.smoothed.is_some();
+        let contains_noise = !has_counts || is_loop || measured.smoothed.is_some();
         let catalogue = if contains_noise { whole.clone().without_small_motions(&path) } else { whole.clone() };
         // In a closed loop the signatures of small motions contain the rounding, and dequantised angles follow one path.
-        let has_formulas = has_counts && correlation <= CLOSED_LOOP;
+        let has_formulas = has_counts && !is_loop;
         let formulas = LazyCell::new(|| match has_formulas {
             true => catalogue.formulas(measured, nominal),
             false => catalogue.without_signatures(),
@@ -112,11 +113,12 @@ impl<'a> Solution<'a> {
         let needs_formulas = !selected.state.held.is_empty() || !is_noise(&selected, &thresholds);
         // What is no evidence is an alternative nevertheless.
         let bank = if needs_formulas { whole.and(&formulas) } else { whole };
+        let correlation = correlation(&case.run(&selected.state));
         Solution { case, start, bank, thresholds, selected, correlation }
     }
 
     pub fn is_closed_loop(&self) -> bool {
-        self.correlation > CLOSED_LOOP
+        self.correlation > CLOSED_LOOP_WITH_EFFECTS
     }
 
     /// True if the motion answers the rounding and the counts do not agree with the model as given.

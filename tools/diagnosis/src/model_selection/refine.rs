@@ -2,6 +2,7 @@
 
 use geu_model::parameter_spec::Role;
 
+use crate::courses::SHORTEST_S;
 use crate::model_state::{DiagnosisCase, FittedHypothesis, ModelState};
 use crate::normal_equations::{NormalEquations, THIRDS};
 use crate::null_distribution::Thresholds;
@@ -49,14 +50,17 @@ fn is_determined(held: &FittedHypothesis) -> bool {
     held.hypothesis.value.abs() > AMPLITUDE_SIGMAS * held.sigmas[0]
 }
 
-/// True if the parameters are within their limits, the amplitude exceeds its sigma, and a number of counts is whole.
+/// True if the parameters are within their limits, the amplitude exceeds its sigma, a number of counts is whole, and a course does not
+/// settle faster than any that is searched.
 pub(super) fn is_possible(held: &FittedHypothesis) -> bool {
     let size = &held.hypothesis.parameters()[0];
     let is_whole = size.role != Role::Count || {
         let off = (size.value - size.value.round()).abs();
         size.value.round() != 0.0 && off <= WHOLE_SIGMAS * held.sigmas[0].max(0.01)
     };
-    is_whole && is_determined(held) && held.hypothesis.is_within_limits() && held.sigmas[0].is_finite()
+    let mut shapes = held.hypothesis.amplitude.course_shapes().iter().zip(&held.hypothesis.course_shapes);
+    let is_slow = shapes.all(|(number, value)| number.role != Role::TimeConstant || *value >= SHORTEST_S);
+    is_whole && is_slow && is_determined(held) && held.hypothesis.is_within_limits() && held.sigmas[0].is_finite()
 }
 
 impl SelectedModel {
