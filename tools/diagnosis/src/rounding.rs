@@ -11,9 +11,10 @@ use crate::measured::{BLOCK, CHANNELS, MeasuredData, Series, TIMING, nodes};
 
 /// Phases over which the statistics are taken.
 const PHASES: usize = 32;
-/// Correlation with the motion above which a recording is that of a closed loop: along the model's path before effects are known, of
-/// which those of fast motions correlate too, and along that with them.
+/// Correlation with the motion above which a recording is that of a closed loop, before effects are known: effects of fast motions
+/// correlate too.
 pub const CLOSED_LOOP: f64 = 0.2;
+/// Limit of that correlation beside the effects found.
 pub const CLOSED_LOOP_WITH_EFFECTS: f64 = 0.1;
 /// Largest delay of a controller's answer, samples.
 const MAX_LAG: usize = 6;
