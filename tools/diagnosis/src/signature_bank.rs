@@ -38,7 +38,7 @@ const MIN_SIZE: f64 = 0.002;
 const NEAR_SIZES: Range<f64> = 0.4..2.5;
 /// Factor between neighbouring time constants, and between widths.
 const SHAPE_FACTOR: f64 = 3.0;
-/// Blocks after a jump of the angle that are evaluated: the filter forgets it.
+/// Blocks after a jump of the angle that are evaluated with an exact reference: the filter forgets it. With a noisy one it remembers.
 const JUMP_BLOCKS: usize = 120;
 /// Blocks between the onsets of an immediate effect.
 const SUDDEN_BLOCKS: usize = 2;
@@ -117,6 +117,7 @@ pub struct SignatureBank {
     /// Each amplitude, its shapes and, where it is not linear, sizes.
     pub bases: Vec<ConstantSignature>,
     courses: Courses,
+    jump_blocks: usize,
 }
 
 impl SignatureBank {
@@ -125,7 +126,8 @@ impl SignatureBank {
         let base = measured.run(configuration, Shifts::default());
         let reference_c = configuration.electronics.numbers.reference_c;
         let excess_k = measured.electronics_c().iter().map(|electronics_c| electronics_c - reference_c).collect();
-        let mut bank = SignatureBank { bases: Vec::new(), courses: Courses::new(excess_k) };
+        let jump_blocks = if measured.smoothed.is_some() { measured.block_count() } else { JUMP_BLOCKS };
+        let mut bank = SignatureBank { bases: Vec::new(), courses: Courses::new(excess_k), jump_blocks };
         bank.bases = AmplitudeRef::all()
             .into_par_iter()
             .filter(is_real)
@@ -140,7 +142,7 @@ impl SignatureBank {
 
     /// The time courses alone.
     pub fn without_signatures(&self) -> SignatureBank {
-        SignatureBank { bases: Vec::new(), courses: self.courses.clone() }
+        SignatureBank { bases: Vec::new(), ..self.clone() }
     }
 
     /// Signatures of both banks.
@@ -154,7 +156,7 @@ impl SignatureBank {
     /// The signatures with a delay of the recorded temperature.
     #[must_use]
     pub fn late(&self, temperature_s: f64) -> SignatureBank {
-        SignatureBank { bases: self.bases.clone(), courses: self.courses.late(temperature_s) }
+        SignatureBank { courses: self.courses.late(temperature_s), ..self.clone() }
     }
 
     /// Signatures of all formulas on every gyro. One run gives four of them, one for each gyro: a formula adds the same on all of them,
@@ -185,7 +187,7 @@ impl SignatureBank {
             four.iter().enumerate().map(base).collect()
         };
         let bases = AmplitudeRef::formulas().par_chunks(TIMING).flat_map_iter(run).collect();
-        SignatureBank { bases, courses: self.courses.clone() }
+        SignatureBank { bases, ..self.clone() }
     }
 
     /// Signatures of one amplitude: one if it is linear, else one for each of several values.
@@ -292,7 +294,7 @@ impl SignatureBank {
     pub fn columns(&self, base: &ConstantSignature, variation: &Variation) -> [Option<Column>; CHANNELS] {
         let from = variation.first_block();
         let to = match variation {
-            Variation::Onset { block } => self.courses.blocks().min(block + JUMP_BLOCKS),
+            Variation::Onset { block } => self.courses.blocks().min(block + self.jump_blocks),
             _ => self.courses.blocks(),
         };
         let values = self.courses.values(base.mode, variation, from..to);

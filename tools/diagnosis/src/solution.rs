@@ -22,7 +22,7 @@ use crate::whitening::NoiseModel;
 const FORMULA_MARGIN: f64 = 10.0;
 /// Version of the search beside the model's lists. It changes with grids, families and null recordings, so that stored thresholds never
 /// apply to another search.
-const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 20");
+const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 21");
 
 /// Options of a diagnosis.
 pub struct DiagnosisOptions<'a> {
