@@ -4,7 +4,7 @@
 
 use clap::{Args, Subcommand, value_parser};
 use geu_blind::{Origin, SURVEY_S, TrialMotion, on_threads, simulate};
-use geu_diagnosis::hypothesis::Hypothesis;
+use geu_hypothesis::Hypothesis;
 use geu_model::Configuration;
 use geu_protocol::Gyro;
 use geu_watch::{Event, Monitor, THRESHOLD};

@@ -13,9 +13,9 @@ use crate::injected::InjectedEffect;
 use crate::score::{IsolationResult, ReportedDiagnosis, Score, score};
 use crate::survey::TrialMotion;
 use crate::trial::TrialGenerator;
-use geu_diagnosis::gyros::names;
 use geu_diagnosis::measured::MeasuredError;
 use geu_diagnosis::outcome::{DiagnosedEffect, Diagnosis};
+use geu_hypothesis::gyros::names;
 
 /// Number of runs for each run with a term outside the catalogue.
 const RUNS_OF_UNKNOWN: usize = 4;

@@ -2,9 +2,9 @@
 
 use toml_edit::{Array, ArrayOfTables, DocumentMut, InlineTable, Item, Table, Value, value};
 
-use geu_diagnosis::gyros::{Gyros, from_names, names};
-use geu_diagnosis::hypothesis::Hypothesis;
 use geu_diagnosis::outcome::DiagnosedEffect;
+use geu_hypothesis::Hypothesis;
+use geu_hypothesis::gyros::{Gyros, from_names, names};
 
 /// Origin of an injected effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

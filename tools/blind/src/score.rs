@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::injected::{FieldError, InjectedEffect, Origin};
-use geu_diagnosis::gyros::{Gyros, is_within, overlap};
 use geu_diagnosis::outcome::{Class, DiagnosedEffect, Diagnosis, ReportedAlternative, Verdict};
+use geu_hypothesis::gyros::{Gyros, is_within, overlap};
 
 /// Minimum cosine with a term outside the catalogue for the right group.
 const GROUP_COSINE: f64 = 0.95;

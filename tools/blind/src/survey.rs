@@ -13,7 +13,6 @@ use geu_recording::{ReceivedSample, ReferenceAttitude, Sink};
 use crate::injected::{InjectedEffect, Origin};
 use crate::simulate::{SimulatedRecording, simulate};
 use geu_diagnosis::alternatives::{Alternative, similar_hypotheses};
-use geu_diagnosis::hypothesis::Hypothesis;
 use geu_diagnosis::measured::{CHANNELS, MeasuredData, MeasuredError, Series, Shifts};
 use geu_diagnosis::model_state::{DiagnosisCase, FittedHypothesis};
 use geu_diagnosis::noise;
@@ -25,6 +24,7 @@ use geu_diagnosis::signature::Signature;
 use geu_diagnosis::signature_bank::SignatureBank;
 use geu_diagnosis::whitening::NoiseModel;
 use geu_diagnosis::{DiagnosisOptions, diagnose_rows};
+use geu_hypothesis::Hypothesis;
 
 /// Length of the standard survey motion: three hours of the default scenario.
 pub const SURVEY_S: f64 = 10_800.0;

@@ -15,9 +15,9 @@ use rand_chacha::ChaCha8Rng;
 use crate::injected::{AnswerKey, InjectedEffect, Origin};
 use crate::simulate::{SimulatedRecording, simulate};
 use crate::survey::TrialMotion;
-use geu_diagnosis::amplitude::{AmplitudeRef, STEP, is_real};
-use geu_diagnosis::gyros::{ALL_GYROS, only};
-use geu_diagnosis::hypothesis::Hypothesis;
+use geu_hypothesis::Hypothesis;
+use geu_hypothesis::amplitude::{AmplitudeRef, STEP, is_real};
+use geu_hypothesis::gyros::{ALL_GYROS, only};
 
 /// Strengths of [`generate_trial`], sigmas.
 const STRENGTHS: [f64; 6] = [3.0, 4.5, 6.0, 9.0, 12.0, 24.0];

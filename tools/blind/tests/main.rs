@@ -4,8 +4,8 @@ use geu_blind::{
     AnswerKey, CampaignPlan, InjectedEffect, IsolationResult, Origin, ReportedDiagnosis, TrialMotion, campaign,
     generate_trial, score,
 };
-use geu_diagnosis::hypothesis::Hypothesis;
 use geu_diagnosis::outcome::EstimatedValue;
+use geu_hypothesis::Hypothesis;
 use geu_model::Configuration;
 use geu_recording::{DecoderOptions, Defect, InputReader, ReceivedSample, ReferenceAttitude, Sink, Stop};
 use serde_json::{Value, json};

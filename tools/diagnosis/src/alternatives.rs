@@ -5,8 +5,6 @@
 
 use rayon::prelude::*;
 
-use crate::gyros::{ALL_GYROS, Gyros, is_within, only};
-use crate::hypothesis::Hypothesis;
 use crate::measured::{Series, TIMING};
 use crate::model_state::{DiagnosisCase, FittedHypothesis, ModelState};
 use crate::normal_equations::NormalEquations;
@@ -14,6 +12,8 @@ use crate::signature::Signature;
 use crate::signature_bank::{ConstantSignature, HypothesisFamily, SignatureBank};
 use crate::spots::{Spot, spots};
 use crate::temperature_lag::{LAG_CHI2, LaggedFit, likeliest};
+use geu_hypothesis::Hypothesis;
+use geu_hypothesis::gyros::{ALL_GYROS, Gyros, is_within, only};
 
 /// Minimum share of the χ² reduction of the hypothesis: the square of a cosine of 0.3.
 const MIN_SHARE: f64 = 0.09;

@@ -11,8 +11,8 @@ use geu_model::temperature::RATE_SPAN_S;
 use geu_model::time_profile::{COURSES, Interval, TimeCourse};
 use geu_model::units::S_PER_H;
 
-use crate::amplitude::STEP;
 use crate::measured::{BLOCK_S, MeasuredData};
+use geu_hypothesis::amplitude::STEP;
 
 /// Shortest searched time constant or period, in blocks: shorter ones average out.
 pub const SHORTEST_BLOCKS: f64 = 6.0;

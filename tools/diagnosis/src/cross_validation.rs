@@ -3,12 +3,12 @@
 use geu_model::package::Calibration;
 use geu_protocol::Gyro;
 
-use crate::amplitude::calibration_parameters;
 use crate::entries::LAG_S;
 use crate::measured::{BLOCK, CHANNELS, Series, TIMING};
 use crate::model_state::{DiagnosisCase, ModelState};
 use crate::normal_equations::{NormalEquations, THIRDS};
 use crate::residual_stats::{self, ResidualStats, WINDOW};
+use geu_hypothesis::amplitude::calibration_parameters;
 
 /// A priori sigmas of calibration parameters between checkouts, in the order of [`Calibration::NUMBERS`]: a calibration corrects errors
 /// of 20 ppm and 6″/h (Casteren §1, table 1); pivots limit the knowledge of an axis to 3″ (§5.3).

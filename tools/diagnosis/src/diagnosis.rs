@@ -7,11 +7,8 @@ use geu_calibration::window::ManoeuvreWindow;
 use geu_model::Configuration;
 use geu_recording::{Defect, ReceivedSample, ReferenceAttitude, Sink};
 
-use crate::checks::{WiringFault, check};
 use crate::cross_validation::{fitted, held_out};
 use crate::entries::Entries;
-use crate::finding::Finding;
-use crate::gyros::{Gyros, is_within};
 use crate::measured::{MeasuredData, MeasuredError, Series, Shifts, SmoothedReference, TIMING};
 use crate::model_selection::SelectedModel;
 use crate::model_state::{DiagnosisCase, ModelState};
@@ -25,6 +22,9 @@ use crate::residual_stats::{ResidualStats, residual, windowed};
 use crate::solution::{DiagnosisOptions, Solution};
 use crate::unexplained::unexplained;
 use crate::whiteness::{kurtosis, whiteness_statistic};
+use geu_checks::Finding;
+use geu_checks::{WiringFault, check};
+use geu_hypothesis::gyros::{Gyros, is_within};
 
 /// χ² of two degrees of freedom that a walk of constant growth exceeds once in a thousand recordings.
 const CHANGED_CHI2: f64 = 13.8;

@@ -15,12 +15,12 @@ use rayon::prelude::*;
 
 use crate::alternatives::{AMBIGUITY_CHI2, Alternative};
 use crate::fitted_hypothesis::FittedHypothesis;
-use crate::hypothesis::Hypothesis;
 use crate::measured::{BLOCK, MeasuredData};
 use crate::model_state::{DiagnosisCase, ModelState};
 use crate::next_manoeuvre::{DiscriminatingTest, NO_TEST, NextManoeuvre, SURE_SIGMA};
 use crate::normal_equations::Nuisance;
 use crate::rounding::Rounding;
+use geu_hypothesis::Hypothesis;
 use separation::{Separation, Signatures, fitted_chi2, in_place};
 use sequences::{Sequence, planned};
 

@@ -7,12 +7,8 @@ use geu_model::parameter_spec::ParameterSet;
 use geu_protocol::Gyro;
 
 use crate::alternatives::{AMBIGUITY_CHI2, Alternative, Penalties, alternatives};
-use crate::amplitude::{AmplitudeRef, calibration_parameters};
-use crate::checks::WiringFault;
 use crate::discriminating_test::DiscriminatingTests;
 use crate::fitted_hypothesis::SAME_SIGMAS;
-use crate::gyros::{ALL_GYROS, is_within, only};
-use crate::hypothesis::Hypothesis;
 use crate::linear_algebra::increment_products;
 use crate::measured::{CHANNELS, TIMING};
 use crate::model_selection::SelectedModel;
@@ -23,6 +19,10 @@ use crate::null_distribution::Thresholds;
 use crate::outcome::{Chi2Fall, Class, Correction, DiagnosedEffect, EstimatedValue, ReportedAlternative};
 use crate::search::search;
 use crate::signature_bank::{ConstantSignature, HypothesisFamily, SignatureBank};
+use geu_checks::WiringFault;
+use geu_hypothesis::Hypothesis;
+use geu_hypothesis::amplitude::{AmplitudeRef, calibration_parameters};
+use geu_hypothesis::gyros::{ALL_GYROS, is_within, only};
 
 /// Sigmas from which a calibration parameter is reported: one false alarm in 1000 recordings of 16 parameters.
 const RECALIBRATED_SIGMAS: f64 = 4.0;

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use geu_model::parameter_spec::Role;
 
-use crate::hypothesis::{Hypothesis, HypothesisParameter};
 use crate::normal_equations::{Nuisance, THIRDS};
+use geu_hypothesis::{Hypothesis, HypothesisParameter};
 
 /// Difference in sigmas below which two gyros have the same amplitude of an effect.
 pub const SAME_SIGMAS: f64 = 3.0;

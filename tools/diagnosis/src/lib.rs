@@ -1,8 +1,7 @@
 //! Diagnosis: compares model and measurement and isolates missing effects, their gyros and amplitudes.
 //!
 //! A module uses only those named before it:
-//! - hypotheses: `gyros`, `amplitude` (a parameter of the model), `hypothesis` (with its value);
-//! - the data: `time_origin`, `measured`, `residual_stats`, `motion_segments`, and the exact checks, `checks`, which yield each `finding`;
+//! - the data: `time_origin`, `measured`, `residual_stats`, `motion_segments`;
 //! - signatures: `courses`, `signature_bank`, `shape_search`;
 //! - statistics: `linear_algebra`, `rounding`, `whitening`, `normal_equations`, `course_products`, `sweep`, `signature`, `spots`, `fitted_hypothesis`, `model_state` (a fit), `noise`, `whiteness`, `search`, `null_distribution`, `temperature_lag`;
 //! - the selection of hypotheses: `model_selection`, `solution`;
@@ -10,18 +9,13 @@
 //! - the whole: `diagnosis`, `report`.
 
 pub mod alternatives;
-pub mod amplitude;
-pub mod checks;
 mod course_products;
 mod courses;
 mod cross_validation;
 mod diagnosis;
 pub mod discriminating_test;
 mod entries;
-mod finding;
 mod fitted_hypothesis;
-pub mod gyros;
-pub mod hypothesis;
 mod linear_algebra;
 pub mod measured;
 pub mod model_selection;
@@ -52,7 +46,6 @@ mod whiteness;
 pub mod whitening;
 
 pub use diagnosis::diagnose_rows;
-pub use finding::Finding;
 pub use measured::{MeasuredData, MeasuredError};
 pub use model_state::DiagnosisCase;
 pub use null_distribution::Thresholds;

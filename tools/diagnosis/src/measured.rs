@@ -9,6 +9,7 @@ mod series;
 mod smoothed_reference;
 mod temperature;
 
+use geu_checks::median;
 use std::sync::Arc;
 
 use geu_calibration::{AccumulatedCounts, BreakKind};
@@ -294,12 +295,6 @@ impl MeasuredData {
 /// Nodes of a block: node 0 is the start.
 pub fn nodes(block: usize) -> std::ops::Range<usize> {
     1 + block * BLOCK..1 + (block + 1) * BLOCK
-}
-
-/// Median, the upper of the two middle values; 0 without values.
-pub fn median(values: &mut [f64]) -> f64 {
-    let middle = values.len() / 2;
-    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }
 
 #[cfg(test)]

@@ -12,7 +12,6 @@ mod selected;
 
 use rayon::prelude::*;
 
-use crate::hypothesis::Hypothesis;
 use crate::measured::TIMING;
 use crate::model_state::{DiagnosisCase, FittedHypothesis, ModelState};
 use crate::normal_equations::NormalEquations;
@@ -20,6 +19,7 @@ use crate::null_distribution::Thresholds;
 use crate::search::{Candidate, passes_cross_validation, search};
 use crate::signature_bank::SignatureBank;
 use crate::spots::Spot;
+use geu_hypothesis::Hypothesis;
 
 use acceptance::REJECTED_CHI2;
 use refine::{fit_last, is_possible};

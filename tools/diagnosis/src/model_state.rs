@@ -8,13 +8,13 @@ use geu_model::parameter_spec::{ParameterSet, Role};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use crate::amplitude::calibration_parameters;
 pub use crate::fitted_hypothesis::FittedHypothesis;
-use crate::hypothesis::HypothesisParameter;
 use crate::measured::{CHANNELS, MeasuredData, Series, Shifts, TIMING};
 use crate::normal_equations::{NormalEquations, Nuisance};
 use crate::rounding::{Rounding, rounding};
 use crate::whitening::{NoiseModel, Whitening};
+use geu_hypothesis::HypothesisParameter;
+use geu_hypothesis::amplitude::calibration_parameters;
 
 /// Shift for the signature of a common lag.
 const LAG_S: f64 = 1e-3;

@@ -3,12 +3,13 @@
 //! Mean rates over 5 s, in which a limit cycle averages out, give start, axis and sense of each turn, so that no list of manoeuvres
 //! is necessary.
 
+use geu_checks::median;
 use std::ops::Range;
 
 use geu_calibration::window::ManoeuvreWindow;
 use geu_model::units::SAMPLE_INTERVAL_S;
 
-use crate::measured::{BLOCK_S, MeasuredData, Series, TIMING, median};
+use crate::measured::{BLOCK_S, MeasuredData, Series, TIMING};
 use crate::residual_stats::{relative, residual};
 
 /// Below this mean rate the unit rests: the largest mean over 5 s of a limit cycle of 4 arcsec/s, less than any manoeuvre.

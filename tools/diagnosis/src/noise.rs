@@ -1,5 +1,6 @@
 //! The noise of the channels: configured random walks, estimated white noise, and fits of walks above the configured ones.
 
+use geu_checks::median;
 use std::borrow::Cow;
 
 use geu_model::Configuration;
@@ -7,7 +8,7 @@ use geu_model::effect::GyroEffects;
 use nalgebra::{DMatrix, DVector};
 
 use crate::linear_algebra::{dot, factored, inverse_roots, lower};
-use crate::measured::{BLOCK, BLOCK_S, Block, CHANNELS, MeasuredData, Series, TIMING, median};
+use crate::measured::{BLOCK, BLOCK_S, Block, CHANNELS, MeasuredData, Series, TIMING};
 use crate::model_state::DiagnosisCase;
 use crate::normal_equations::{Nuisance, RIDGE, THIRDS};
 use crate::rounding::{BlockRounding, Rounding};

@@ -10,11 +10,11 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use geu_model::package::Calibration;
 
-use crate::amplitude::calibration_parameters;
 use crate::linear_algebra::{dot, factored, inverse_roots, lower};
 use crate::measured::{CHANNELS, Series};
 use crate::signature_bank::Column;
 use crate::whitening::Whitening;
+use geu_hypothesis::amplitude::calibration_parameters;
 
 pub use products::{Products, ProjectedSignature, SignatureFit, distinguishable};
 

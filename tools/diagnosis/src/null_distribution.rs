@@ -11,7 +11,6 @@ use geu_protocol::Gyro;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::hypothesis::Hypothesis;
 use crate::measured::{BLOCK, CHANNELS, Series, TIMING, nodes};
 use crate::model_state::{DiagnosisCase, ModelState};
 use crate::noise::Walk;
@@ -22,6 +21,7 @@ use crate::signature_bank::{Column, HypothesisFamily, SignatureBank, Variation};
 use crate::sweep::{Swept, sweep};
 use crate::whiteness::{kurtosis, whiteness_statistic};
 use crate::whitening::NoiseModel;
+use geu_hypothesis::Hypothesis;
 
 /// Number of null recordings.
 pub const RUNS: usize = 128;

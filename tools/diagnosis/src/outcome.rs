@@ -8,9 +8,6 @@ use geu_protocol::Gyro;
 use serde::{Deserialize, Serialize};
 
 use crate::alternatives::AMBIGUITY_CHI2;
-use crate::finding::Finding;
-use crate::gyros::{Gyros, names};
-use crate::hypothesis::Hypothesis;
 use crate::measured::{CHANNELS, Series, TIMING};
 use crate::model_selection::SelectionStep;
 use crate::motion_segments::MotionSegment;
@@ -19,6 +16,9 @@ use crate::normal_equations::THIRDS;
 use crate::null_distribution::Thresholds;
 use crate::residual_map::ResidualMap;
 use crate::residual_stats::ResidualStats;
+use geu_checks::Finding;
+use geu_hypothesis::Hypothesis;
+use geu_hypothesis::gyros::{Gyros, names};
 use geu_model::parameter_spec::ParameterSet;
 
 /// Verdict of a diagnosis.
@@ -178,7 +178,7 @@ pub struct DiagnosedEffect {
     /// Class.
     pub class: Class,
     /// The gyros that it acts on.
-    #[serde(with = "crate::gyros")]
+    #[serde(with = "geu_hypothesis::gyros")]
     pub gyros: Gyros,
     /// Numbers.
     #[serde(with = "by_name")]
@@ -245,7 +245,7 @@ pub struct ReportedAlternative {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub formula: Option<String>,
     /// The gyros.
-    #[serde(with = "crate::gyros")]
+    #[serde(with = "geu_hypothesis::gyros")]
     pub gyros: Gyros,
     /// Cosine of the two signatures.
     pub cosine: f64,
@@ -294,7 +294,7 @@ impl ReportedAlternative {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Unexplained {
     /// The gyros that show it.
-    #[serde(with = "crate::gyros")]
+    #[serde(with = "geu_hypothesis::gyros")]
     pub gyros: Gyros,
     /// Interval in which it is significant, s.
     pub interval_s: [f64; 2],

@@ -2,15 +2,15 @@
 
 use rayon::prelude::*;
 
-use crate::amplitude::AmplitudeRef;
-use crate::gyros::{ALL_GYROS, Gyros};
-use crate::hypothesis::Hypothesis;
 use crate::measured::{CHANNELS, TIMING};
 use crate::model_state::ModelState;
 use crate::normal_equations::{NormalEquations, SignatureFit, THIRDS};
 use crate::null_distribution::Thresholds;
 use crate::signature_bank::{HypothesisFamily, SignatureBank};
 use crate::spots::{Spot, spots};
+use geu_hypothesis::Hypothesis;
+use geu_hypothesis::amplitude::AmplitudeRef;
+use geu_hypothesis::gyros::{ALL_GYROS, Gyros};
 
 /// Maximum rise of χ² in the predictable thirds if one is not predictable: three sigma.
 const MAX_RISE_CHI2: f64 = 9.0;

@@ -1,11 +1,11 @@
 //! Signatures whitened by the noise of a recording.
 
-use crate::amplitude::AmplitudeRef;
-use crate::gyros::Gyros;
 use crate::linear_algebra::dot;
 use crate::measured::{CHANNELS, TIMING};
 use crate::normal_equations::{NormalEquations, Nuisance, Products};
 use crate::signature_bank::Column;
+use geu_hypothesis::amplitude::AmplitudeRef;
+use geu_hypothesis::gyros::Gyros;
 
 /// True if an amplitude on these gyros acts on a channel.
 pub fn reaches(amplitude: &AmplitudeRef, gyros: &Gyros, channel: usize) -> bool {

@@ -13,14 +13,14 @@ use geu_model::parameter_spec::{DefaultValue, ParameterSpec, Role};
 use geu_model::time_profile::COURSES;
 use rayon::prelude::*;
 
-use crate::amplitude::{AmplitudeRef, STEP, is_real};
 use crate::course_products::ProductCache;
 pub use crate::courses::Variation;
 use crate::courses::{Courses, Mode, SHORTEST_BLOCKS, is_onset};
-use crate::gyros::ALL_GYROS;
-use crate::hypothesis::Hypothesis;
 use crate::linear_algebra::increment_products;
 use crate::measured::{BLOCK_S, CHANNELS, MeasuredData, Series, Shifts, TIMING};
+use geu_hypothesis::Hypothesis;
+use geu_hypothesis::amplitude::{AmplitudeRef, STEP, is_real};
+use geu_hypothesis::gyros::ALL_GYROS;
 
 /// Amplitude of a signature's run, as a share of the largest accepted value.
 const SHARE: f64 = 1e-3;

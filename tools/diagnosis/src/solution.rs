@@ -6,7 +6,6 @@ use std::sync::Arc;
 use geu_calibration::window::ManoeuvreWindow;
 use geu_model::Configuration;
 
-use crate::amplitude::AmplitudeRef;
 use crate::fitted_hypothesis::SAME_SIGMAS;
 use crate::measured::{BLOCK, CHANNELS, MeasuredData, Series, Shifts};
 use crate::model_selection::{MAX_PER_GYRO, SelectedModel, select_model};
@@ -17,6 +16,7 @@ use crate::rounding::{CLOSED_LOOP, CLOSED_LOOP_WITH_EFFECTS, correlation_with_mo
 use crate::signature_bank::SignatureBank;
 use crate::whiteness::whiteness_statistic;
 use crate::whitening::NoiseModel;
+use geu_hypothesis::amplitude::AmplitudeRef;
 
 /// Margin by which a formula must be better than the catalogue: odds of e⁵, 150 to one.
 const FORMULA_MARGIN: f64 = 10.0;

@@ -2,16 +2,16 @@
 
 use geu_model::time_profile::COURSES;
 
-use crate::amplitude::{AmplitudeRef, STEP};
 use crate::courses::is_onset;
-use crate::gyros::Gyros;
-use crate::hypothesis::Hypothesis;
 use crate::measured::{BLOCK_S, CHANNELS};
 use crate::normal_equations::{NormalEquations, SignatureFit};
 use crate::shape_search::maximise;
 use crate::signature::{Signature, reaches};
 use crate::signature_bank::{ConstantSignature, HypothesisFamily, SignatureBank, Variation};
 use crate::sweep::{Swept, sweep};
+use geu_hypothesis::Hypothesis;
+use geu_hypothesis::amplitude::{AmplitudeRef, STEP};
+use geu_hypothesis::gyros::Gyros;
 
 /// A signature with a time course on some gyros, and its fit.
 #[derive(Debug, Clone)]

@@ -6,13 +6,13 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use crate::amplitude::STEP;
 use crate::course_products::{CourseProducts, KeptProducts};
 use crate::courses::pulse_onsets_s;
 use crate::linear_algebra::dot;
 use crate::measured::CHANNELS;
 use crate::normal_equations::{NormalEquations, ProjectedSignature, SignatureFit, distinguishable};
 use crate::signature_bank::{Column, ConstantSignature, SignatureBank, Variation};
+use geu_hypothesis::amplitude::STEP;
 
 /// Searched phases of a wave, over half a period.
 const PHASES: usize = 16;

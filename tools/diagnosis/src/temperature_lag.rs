@@ -5,12 +5,12 @@
 use geu_model::time_profile::COURSES;
 use rayon::prelude::*;
 
-use crate::amplitude::AmplitudeRef;
-use crate::hypothesis::Hypothesis;
 use crate::model_state::{DiagnosisCase, FittedHypothesis, ModelState};
 use crate::normal_equations::NormalEquations;
 use crate::signature_bank::{HypothesisFamily, SignatureBank, Variation};
 use crate::spots::Spot;
+use geu_hypothesis::Hypothesis;
+use geu_hypothesis::amplitude::AmplitudeRef;
 
 /// Grid of delays, s; negative if a part of the electronics warms up after the sensor.
 const GRID_S: [f64; 9] = [-300.0, 0.0, 150.0, 300.0, 450.0, 600.0, 900.0, 1200.0, 1800.0];

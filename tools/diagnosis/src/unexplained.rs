@@ -2,13 +2,13 @@
 
 use std::collections::BTreeSet;
 
-use crate::gyros::Gyros;
 use crate::measured::{BLOCK_S, Series, TIMING};
 use crate::model_selection::SelectedModel;
 use crate::model_state::DiagnosisCase;
 use crate::outcome::{FollowedTerm, Unexplained};
 use crate::search::search;
 use crate::signature_bank::SignatureBank;
+use geu_hypothesis::gyros::Gyros;
 
 /// Maximum number of reported terms.
 const FOLLOWED: usize = 5;

@@ -1,13 +1,13 @@
 //! The proposed manoeuvre for effects that one turn does not separate.
 
 use geu_diagnosis::alternatives::{AMBIGUITY_CHI2, similar_hypotheses};
-use geu_diagnosis::amplitude::AmplitudeRef;
 use geu_diagnosis::discriminating_test::DiscriminatingTests;
-use geu_diagnosis::hypothesis::Hypothesis;
 use geu_diagnosis::measured::CHANNELS;
 use geu_diagnosis::model_state::{FittedHypothesis, ModelState};
 use geu_diagnosis::whitening::NoiseModel;
 use geu_diagnosis::{DiagnosisCase, SignatureBank};
+use geu_hypothesis::Hypothesis;
+use geu_hypothesis::amplitude::AmplitudeRef;
 use geu_model::Configuration;
 
 use crate::recorded::{manoeuvre, recorded};

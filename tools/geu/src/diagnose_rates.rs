@@ -4,7 +4,7 @@ mod windows;
 
 use std::path::Path;
 
-use geu_diagnosis::Finding;
+use geu_checks::Finding;
 use geu_rates::{Verdict, diagnose};
 use geu_recording::{GyroCsv, RateTable};
 use geu_report::rates;

@@ -1,6 +1,6 @@
 //! Result of a diagnosis of rates, as JSON and as text.
 
-use geu_diagnosis::Finding;
+use geu_checks::Finding;
 use geu_model::units::ARCSEC_PER_DEG;
 use geu_protocol::map;
 use geu_protocol::template::{Value, engine, filled};

@@ -9,7 +9,6 @@ use rayon::prelude::*;
 use geu_model::parameter_spec::Role;
 
 use crate::fitted_hypothesis::FittedHypothesis;
-use crate::hypothesis::Hypothesis;
 use crate::linear_algebra::factored;
 use crate::measured::{Block, CHANNELS, Series};
 use crate::model_state::{DiagnosisCase, ModelState};
@@ -17,6 +16,7 @@ use crate::normal_equations::{NormalEquations, Nuisance, RIDGE};
 use crate::rounding::Rounding;
 use crate::signature::Signature;
 use crate::whitening::{NoiseModel, Whitening};
+use geu_hypothesis::Hypothesis;
 
 /// Factors of a period or time constant from which a fit starts, so that it need not end at the nearest solution.
 const FACTORS: [f64; 3] = [1.0, 0.5, 2.0];

@@ -9,12 +9,13 @@
 
 use geu_calibration::AccumulatedCounts;
 use geu_calibration::transfer::misalignment_matrix;
+use geu_checks::median;
 use geu_model::Configuration;
 use geu_model::attitude::{AttitudeRow, RecordedAttitude};
 use geu_model::units::{ARCSEC_PER_RAD, SAMPLE_INTERVAL_S};
 use nalgebra::{Matrix3x4, Matrix4x3, UnitQuaternion, Vector3, Vector4};
 
-use super::{BLOCK_S, TIMING, median, nodes};
+use super::{BLOCK_S, TIMING, nodes};
 
 /// Spacing of rows up to which an exact reference is used as it is.
 const MAX_SPACING_S: f64 = 1.2 * SAMPLE_INTERVAL_S;

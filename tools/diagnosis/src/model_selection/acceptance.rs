@@ -3,13 +3,13 @@
 use geu_model::Configuration;
 use rayon::prelude::*;
 
-use crate::gyros::Gyros;
 use crate::measured::TIMING;
 use crate::model_state::{DiagnosisCase, ModelState};
 use crate::normal_equations::NormalEquations;
 use crate::null_distribution::Thresholds;
 use crate::search::{Candidate, search};
 use crate::signature_bank::SignatureBank;
+use geu_hypothesis::gyros::Gyros;
 
 use super::noise::rate_walk_fall;
 use super::selected::{MAX_PER_GYRO, RejectedHypothesis, SelectedModel};

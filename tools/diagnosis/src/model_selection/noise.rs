@@ -2,13 +2,13 @@
 
 use rayon::prelude::*;
 
-use crate::hypothesis::Hypothesis;
 use crate::measured::{CHANNELS, TIMING};
 use crate::model_state::{DiagnosisCase, ModelState};
 use crate::noise::{self, Walk};
 use crate::null_distribution::Thresholds;
 use crate::signature_bank::HypothesisFamily;
 use crate::whitening::NoiseModel;
+use geu_hypothesis::Hypothesis;
 
 use super::selected::{FURTHER_WALK_CHI2, IdentifiedNoise, SelectedModel};
 

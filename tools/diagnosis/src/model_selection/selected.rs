@@ -3,7 +3,6 @@
 use geu_model::Configuration;
 use geu_model::parameter_spec::{ParameterSpec, Role};
 
-use crate::gyros::{Gyros, is_within};
 use crate::measured::{CHANNELS, TIMING};
 use crate::model_state::{DiagnosisCase, FittedHypothesis, ModelState};
 use crate::noise::{FittedNoise, Walk};
@@ -13,6 +12,7 @@ use crate::outcome::{Chi2Fall, Correction, DiagnosedEffect};
 use crate::search::{Candidate, SHAPE_CHI2};
 use crate::temperature_lag::lag_chi2;
 use crate::whitening::NoiseModel;
+use geu_hypothesis::gyros::{Gyros, is_within};
 
 /// Maximum number of accepted effects on one gyro. The search adds one more, which marks the gyro as overfitted.
 pub const MAX_PER_GYRO: usize = 3;

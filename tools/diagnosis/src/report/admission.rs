@@ -1,9 +1,9 @@
 //! Rules that every stated entry meets, whatever search and selection did.
 
-use crate::finding::Finding;
-use crate::gyros::{Gyros, is_within, names};
 use crate::outcome::{Class, DiagnosedEffect};
 use crate::residual_stats::ResidualStats;
+use geu_checks::Finding;
+use geu_hypothesis::gyros::{Gyros, is_within, names};
 
 /// Entries that are not stated, each with the reason.
 pub type Refused = Vec<(DiagnosedEffect, &'static str)>;
@@ -76,8 +76,8 @@ pub fn finding((entry, reason): &(DiagnosedEffect, &'static str)) -> Finding {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gyros::only;
     use crate::outcome::Chi2Fall;
+    use geu_hypothesis::gyros::only;
 
     fn entry(code: &str, gyro: usize, class: Class, fall: f64) -> DiagnosedEffect {
         let chi2 = Some(Chi2Fall { fall, threshold: 16.0 });

@@ -1,7 +1,7 @@
 //! Facts of a report as labelled lines of limited width.
 
-use crate::gyros::{ALL_GYROS, Gyros, names};
 use crate::outcome::{Chi2Fall, DiagnosedEffect, EstimatedValue, ReportedAlternative, Verdict};
+use geu_hypothesis::gyros::{ALL_GYROS, Gyros, names};
 
 /// Alternatives of a group that are listed; the others are counted.
 const LISTED: usize = 5;
@@ -175,7 +175,7 @@ mod tests {
     use geu_model::parameter_spec::ValueFormat;
 
     use super::*;
-    use crate::amplitude::AmplitudeRef;
+    use geu_hypothesis::amplitude::AmplitudeRef;
 
     fn alternative(code: &str, delta_chi2: Option<f64>) -> ReportedAlternative {
         ReportedAlternative {

@@ -322,7 +322,7 @@ fn name_of(candidate: &Candidate) -> String {
     escape(&amplitude.formula().map_or_else(|| amplitude.code(), |formula| format!("term {formula}")))
 }
 
-fn gyros(gyros: &geu_diagnosis::gyros::Gyros) -> String {
+fn gyros(gyros: &geu_hypothesis::gyros::Gyros) -> String {
     if *gyros == [true; 4] { "all".to_owned() } else { report::names(gyros).join(", ") }
 }
 

@@ -1,7 +1,6 @@
 //! The report of `geu diagnose` on a terminal: for a first reader, or everything found. No line is wider than `WIDTH`.
 
 use geu_diagnosis::Verdict;
-use geu_diagnosis::amplitude::AmplitudeRef;
 use geu_diagnosis::next_manoeuvre::{NO_TEST, NextManoeuvre};
 use geu_diagnosis::null_distribution::FALSE_ALARM_RATE;
 use geu_diagnosis::outcome::{
@@ -9,6 +8,7 @@ use geu_diagnosis::outcome::{
 };
 use geu_diagnosis::report::{alternative_name, facts, heading, labelled, on, quantity, verdict, wrapped};
 use geu_diagnosis::residual_map::{SIGNIFICANT, VARIABLES, strongest};
+use geu_hypothesis::amplitude::AmplitudeRef;
 use geu_model::time_profile::{COURSES, TimeProfileSpec};
 use geu_protocol::Gyro;
 

@@ -1,6 +1,7 @@
 //! Reports of diagnoses with given content.
 
-use geu_diagnosis::gyros::{ALL_GYROS, only};
+use geu_checks::Finding;
+use geu_diagnosis::Thresholds;
 use geu_diagnosis::measured::CHANNELS;
 use geu_diagnosis::outcome::Gaps;
 use geu_diagnosis::report::WIDTH;
@@ -8,7 +9,7 @@ use geu_diagnosis::residual_map::ResidualMap;
 use geu_diagnosis::residual_stats::ResidualStats;
 use geu_diagnosis::signature_bank::HypothesisFamily;
 use geu_diagnosis::whitening::NoiseModel;
-use geu_diagnosis::{Finding, Thresholds};
+use geu_hypothesis::gyros::{ALL_GYROS, only};
 use geu_model::Configuration;
 
 use super::*;

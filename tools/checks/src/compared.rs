@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 
 use super::findings::FindingCollector;
 use super::timeline::SampleTimes;
-use crate::measured::median;
+use crate::median;
 
 /// Tolerance between time stamps and the ends of a reference, s.
 const TOLERANCE_S: f64 = 0.02;

@@ -4,7 +4,7 @@
 //! (a wrong unit, and the faults of [`geu_model::effect::WiringEffects`]).
 //!
 //! ```
-//! use geu_diagnosis::checks::check;
+//! use geu_checks::check;
 //! use geu_model::Configuration;
 //! use geu_recording::ReferenceAttitude;
 //!
@@ -17,6 +17,7 @@
 mod clock;
 mod compared;
 mod correlation;
+mod finding;
 mod findings;
 mod link;
 mod moments;
@@ -27,9 +28,10 @@ mod wiring_hypothesis;
 use geu_model::Configuration;
 use geu_recording::{Defect, ReceivedSample, ReferenceAttitude};
 
-use crate::Finding;
 use compared::CountComparison;
+pub use finding::Finding;
 use findings::FindingCollector;
+pub use moments::median;
 use timeline::SampleTimes;
 pub use wiring_hypothesis::WiringFault;
 use wiring_hypothesis::WiringHypothesis;

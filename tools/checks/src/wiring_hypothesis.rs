@@ -5,8 +5,8 @@ use geu_model::fault::{EffectList, ParameterRef};
 use geu_model::parameter_spec::ValueFormat;
 use geu_protocol::Gyro;
 
-use crate::amplitude::{AmplitudeRef, STEP};
-use crate::hypothesis::Hypothesis;
+use geu_hypothesis::Hypothesis;
+use geu_hypothesis::amplitude::{AmplitudeRef, STEP};
 
 /// Wiring of the four gyros.
 pub type Wiring = [WiringEffects; 4];

@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::Path;
 
-use geu_diagnosis::checks::{CheckResult, WiringFault, check};
+use geu_checks::{CheckResult, WiringFault, check};
 use geu_model::Configuration;
 use geu_plant::{GYROS, Gyro as Of, IndependentModel, PlantedEffect};
 use geu_protocol::Gyro;

@@ -1,4 +1,10 @@
-//! Sums of two series and of their products.
+//! Median; sums of two series and of their products.
+
+/// Median, the upper of the two middle values; 0 without values.
+pub fn median(values: &mut [f64]) -> f64 {
+    let middle = values.len() / 2;
+    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
+}
 
 /// Sums over pairs of values.
 #[derive(Debug, Default)]
