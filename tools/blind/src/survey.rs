@@ -183,7 +183,13 @@ impl TrialMotion {
         let bank = self.bank.get_or_init(|| SignatureBank::new(&self.measured, &self.nominal));
         let nuisances = self.nuisances.clone();
         let rounding = self.rounding.clone();
-        let case = DiagnosisCase { measured: &self.measured, nominal: &self.nominal, nuisances, rounding };
+        let case = DiagnosisCase {
+            measured: &self.measured,
+            nominal: &self.nominal,
+            nuisances,
+            rounding,
+            linear: Default::default(),
+        };
         let mut state = case.start(self.noise);
         state.held.push(FittedHypothesis::new(hypothesis.clone()));
         similar_hypotheses(&case, &bank.late(temperature_late_s), &state, 0)

@@ -6,6 +6,7 @@ use std::f64::consts::FRAC_PI_2;
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
+use geu_model::Configuration;
 use geu_model::parameter_spec::{ParameterSpec, Role};
 use geu_model::temperature::RATE_SPAN_S;
 use geu_model::time_profile::{COURSES, Interval, TimeCourse};
@@ -121,6 +122,8 @@ pub struct Courses {
     excess_k: Vec<f64>,
     /// Rate of change of that, K/h.
     rate_k_per_h: Vec<f64>,
+    /// Start of the recording on the time scale of the courses.
+    start_s: f64,
     /// Values of the grid's courses of time alone, from the first block on, once they were asked for.
     grid: Arc<HashMap<Key, OnceLock<Vec<f64>>>>,
 }
@@ -129,25 +132,33 @@ pub struct Courses {
 type Key = (Mode, usize, [u64; 2]);
 
 impl Courses {
-    /// Time courses on a recording with this electronics temperature minus the reference temperature in each block.
-    pub fn new(excess_k: Vec<f64>) -> Courses {
-        let none = Courses::without_grid(excess_k);
+    /// Time courses on a recording.
+    pub fn on(measured: &MeasuredData, configuration: &Configuration) -> Courses {
+        let reference_c = configuration.electronics.numbers.reference_c;
+        let excess_k = measured.electronics_c().iter().map(|electronics_c| electronics_c - reference_c).collect();
+        Courses { start_s: measured.start_s, ..Courses::at(excess_k) }
+    }
+
+    /// With a cache of the values on the grid.
+    #[must_use]
+    pub fn with_grid(self) -> Courses {
         let of_mode = |mode: Mode| {
-            let all = (0..COURSES.len()).flat_map(|kind| none.variations(kind, mode)).filter(Variation::is_of_time);
+            let all = (0..COURSES.len()).flat_map(|kind| self.variations(kind, mode)).filter(Variation::is_of_time);
             let with_quarters = all.flat_map(|course| [course.at_phase(FRAC_PI_2), Some(course)]).flatten();
             with_quarters.filter_map(move |course| Some((key(mode, &course)?, OnceLock::new()))).collect::<Vec<_>>()
         };
         let grid = [Mode::Rate, Mode::Level].into_iter().flat_map(of_mode).collect();
-        Courses { grid: Arc::new(grid), ..none }
+        Courses { grid: Arc::new(grid), ..self }
     }
 
-    fn without_grid(excess_k: Vec<f64>) -> Courses {
+    /// Without a cache, with this electronics temperature minus the reference temperature in each block.
+    fn at(excess_k: Vec<f64>) -> Courses {
         let (half, last) = ((0.5 * RATE_SPAN_S / BLOCK_S) as usize, excess_k.len().saturating_sub(1));
         let rate = |block: usize| {
             let (from, to) = (block.saturating_sub(half), (block + half).min(last));
             (excess_k[to] - excess_k[from]) / (to.max(from + 1) - from) as f64 / BLOCK_S * S_PER_H
         };
-        Courses { rate_k_per_h: (0..excess_k.len()).map(rate).collect(), excess_k, grid: Arc::default() }
+        Courses { rate_k_per_h: (0..excess_k.len()).map(rate).collect(), excess_k, start_s: 0.0, grid: Arc::default() }
     }
 
     /// Blocks of the recording.
@@ -161,7 +172,7 @@ impl Courses {
         let last = self.blocks().saturating_sub(1) as f64;
         let source = |block: usize| (block as f64 + temperature_s / BLOCK_S).round().clamp(0.0, last) as usize;
         let excess_k = (0..self.blocks()).map(|block| self.excess_k[source(block)]).collect();
-        Courses { grid: self.grid.clone(), ..Courses::without_grid(excess_k) }
+        Courses { grid: self.grid.clone(), start_s: self.start_s, ..Courses::at(excess_k) }
     }
 
     /// Searched time courses of a kind of [`COURSES`], waves at phase 0.
@@ -216,10 +227,11 @@ impl Courses {
         let course = TimeCourse { effect: 0, amplitude: 0, size: 1.0, profile };
         // An increment lies between the middles of two blocks, a value in its own.
         let value = |block: usize| {
-            let end_s = match mode {
-                Mode::Rate => MeasuredData::middle_s(block),
-                Mode::Level => (block + 1) as f64 * BLOCK_S,
-            };
+            let end_s = self.start_s
+                + match mode {
+                    Mode::Rate => MeasuredData::middle_s(block),
+                    Mode::Level => (block + 1) as f64 * BLOCK_S,
+                };
             course.value(&Interval {
                 start_s: end_s - BLOCK_S,
                 end_s,
@@ -238,6 +250,24 @@ impl Courses {
     }
 }
 
+/// A time course applied to a signature, over some blocks.
+pub fn put(series: &[f64], mode: Mode, course: Option<&[f64]>, blocks: Range<usize>) -> Vec<f64> {
+    let from = blocks.start;
+    let Some(course) = course else { return series[blocks].to_vec() };
+    let own = series[blocks].iter().zip(course);
+    match mode {
+        Mode::Level => own.map(|(value, factor)| value * factor).collect(),
+        Mode::Rate => {
+            let (mut sum, mut before) = (0.0, if from == 0 { 0.0 } else { series[from - 1] });
+            own.map(|(value, factor)| {
+                sum += (value - std::mem::replace(&mut before, *value)) * factor;
+                sum
+            })
+            .collect()
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -245,8 +275,8 @@ mod tests {
     #[test]
     fn cached_courses_equal_computed_courses() {
         let excess_k: Vec<f64> = (0..500).map(|block| (block as f64 * 0.01).sin()).collect();
-        let own = Courses::new(excess_k.clone());
-        let none = Courses::without_grid(excess_k);
+        let none = Courses::at(excess_k);
+        let own = none.clone().with_grid();
         let late = own.late(150.0);
         for mode in [Mode::Rate, Mode::Level] {
             let (mut cached, mut followers) = (0, 0);

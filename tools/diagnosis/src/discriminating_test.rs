@@ -15,6 +15,7 @@ use rayon::prelude::*;
 
 use crate::alternatives::{AMBIGUITY_CHI2, Alternative};
 use crate::fitted_hypothesis::FittedHypothesis;
+use crate::linear_signatures::LinearSignatures;
 use crate::measured::{BLOCK, MeasuredData};
 use crate::model_state::{DiagnosisCase, ModelState};
 use crate::next_manoeuvre::{DiscriminatingTest, NO_TEST, NextManoeuvre, SURE_SIGMA};
@@ -36,6 +37,7 @@ struct Candidate {
     measured: MeasuredData,
     nuisances: Vec<Nuisance>,
     rounding: Arc<Rounding>,
+    linear: LinearSignatures,
 }
 
 /// Motions that could follow a recording, simulated on first use.
@@ -81,12 +83,12 @@ impl Progress {
 impl Candidate {
     fn new(case: &DiagnosisCase, measured: MeasuredData) -> Candidate {
         let DiagnosisCase { nuisances, rounding, .. } = DiagnosisCase::new(&measured, case.nominal);
-        Candidate { measured, nuisances, rounding }
+        Candidate { measured, nuisances, rounding, linear: case.linear.on_another_motion() }
     }
 
     fn case<'c>(&'c self, nominal: &'c Configuration) -> DiagnosisCase<'c> {
-        let (nuisances, rounding) = (self.nuisances.clone(), self.rounding.clone());
-        DiagnosisCase { measured: &self.measured, nominal, nuisances, rounding }
+        let (nuisances, rounding, linear) = (self.nuisances.clone(), self.rounding.clone(), self.linear.clone());
+        DiagnosisCase { measured: &self.measured, nominal, nuisances, rounding, linear }
     }
 }
 
@@ -218,6 +220,7 @@ impl<'a> DiscriminatingTests<'a> {
             measured,
             nuisances: self.case.nuisances.iter().map(first).collect(),
             rounding: Arc::new(self.case.rounding.each_ref().map(|channel| channel[..samples / BLOCK].to_vec())),
+            linear: self.case.linear.on_another_motion(),
         };
         let opposite = measured.again(samples, |celsius| 2.0 * mean_c - celsius);
         let warmer = measured.again(samples, |celsius| celsius + WARMER_K);

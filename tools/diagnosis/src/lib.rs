@@ -3,7 +3,7 @@
 //! A module uses only those named before it:
 //! - the data: `time_origin`, `measured`, `residual_stats`, `motion_segments`;
 //! - signatures: `courses`, `signature_bank`, `shape_search`;
-//! - statistics: `linear_algebra`, `rounding`, `whitening`, `normal_equations`, `course_products`, `sweep`, `signature`, `spots`, `fitted_hypothesis`, `model_state` (a fit), `noise`, `whiteness`, `search`, `null_distribution`, `temperature_lag`;
+//! - statistics: `linear_algebra`, `rounding`, `whitening`, `normal_equations`, `course_products`, `sweep`, `signature`, `linear_signatures`, `spots`, `fitted_hypothesis`, `model_state` (a fit), `noise`, `whiteness`, `search`, `null_distribution`, `temperature_lag`;
 //! - the selection of hypotheses: `model_selection`, `solution`;
 //! - the report: `residual_map`, `alternatives`, `next_manoeuvre`, `outcome` (types only), `discriminating_test`, `entries`, `cross_validation`, `unexplained`;
 //! - the whole: `diagnosis`, `report`.
@@ -17,6 +17,7 @@ pub mod discriminating_test;
 mod entries;
 mod fitted_hypothesis;
 mod linear_algebra;
+pub mod linear_signatures;
 pub mod measured;
 pub mod model_selection;
 pub mod model_state;

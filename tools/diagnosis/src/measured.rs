@@ -104,7 +104,7 @@ pub struct MeasuredData {
     /// Receive time of each node minus nominal samples, in units of [`TIMING_UNIT_S`]; NaN without one.
     late: Vec<f64>,
     /// Time of node 0 since the origin of time courses: 0, or the end of the recording that a planned motion follows.
-    start_s: f64,
+    pub(crate) start_s: f64,
 }
 
 impl MeasuredData {

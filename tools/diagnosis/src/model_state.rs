@@ -9,6 +9,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 pub use crate::fitted_hypothesis::FittedHypothesis;
+use crate::linear_signatures::LinearSignatures;
 use crate::measured::{CHANNELS, MeasuredData, Series, Shifts, TIMING};
 use crate::normal_equations::{NormalEquations, Nuisance};
 use crate::rounding::{Rounding, rounding};
@@ -56,6 +57,8 @@ pub struct DiagnosisCase<'a> {
     pub nuisances: Vec<Nuisance>,
     /// Rounding along the model's path.
     pub rounding: Arc<Rounding>,
+    /// Signatures that a fit computes without runs.
+    pub linear: LinearSignatures,
 }
 
 impl<'a> DiagnosisCase<'a> {
@@ -81,7 +84,8 @@ impl<'a> DiagnosisCase<'a> {
         let mut lag = measured.difference(&measured.run(nominal, Shifts { lag_s: LAG_S, ..Shifts::default() }), &from);
         lag.iter_mut().flatten().for_each(|value| *value /= LAG_S);
         nuisances.push(std::array::from_fn(|channel| (channel != TIMING).then(|| std::mem::take(&mut lag[channel]))));
-        DiagnosisCase { measured, nominal, nuisances, rounding: Arc::new(rounding(measured, &from)) }
+        let rounding = Arc::new(rounding(measured, &from));
+        DiagnosisCase { measured, nominal, nuisances, rounding, linear: LinearSignatures::default() }
     }
 
     /// The configuration with another recording of the same motion, and only the calibration parameters as nuisances.
@@ -97,7 +101,7 @@ impl<'a> DiagnosisCase<'a> {
             }
         };
         nuisances.truncate(calibration_parameters().len());
-        DiagnosisCase { measured, nominal: self.nominal, nuisances, rounding }
+        DiagnosisCase { measured, nominal: self.nominal, nuisances, rounding, linear: LinearSignatures::default() }
     }
 
     /// The initial state.
@@ -150,8 +154,13 @@ impl<'a> DiagnosisCase<'a> {
 
     /// Signature of one parameter of a hypothesis.
     fn column(&self, state: &ModelState, from: &Series, held: usize, index: usize) -> Nuisance {
-        let parameter = &state.held[held].hypothesis.parameters()[index];
-        let mut step = step(parameter);
+        let hypothesis = &state.held[held].hypothesis;
+        let computed = self.linear.column(self.measured, self.nominal, hypothesis, index, state.shifts.temperature_s);
+        if let Some(column) = computed {
+            return column;
+        }
+        let parameter = &hypothesis.parameters()[index];
+        let mut step = parameter.step();
         if parameter.value + step > parameter.max {
             step = -step;
         }
@@ -309,17 +318,6 @@ impl ModelState {
         for (place, (held, index)) in self.free().into_iter().enumerate() {
             self.held[held].sigmas[index] = sigma(count + 1 + place);
         }
-    }
-}
-
-/// Change of a parameter for its signature.
-fn step(parameter: &HypothesisParameter) -> f64 {
-    match parameter.role {
-        // Two blocks, to average over the course within one.
-        Role::Onset | Role::Duration => 10.0,
-        Role::Phase => 0.02,
-        _ if parameter.value != 0.0 => 0.02 * parameter.value.abs(),
-        _ => 2e-3 * parameter.max.min(1e3),
     }
 }
 

@@ -15,21 +15,23 @@ use rayon::prelude::*;
 
 use crate::course_products::ProductCache;
 pub use crate::courses::Variation;
-use crate::courses::{Courses, Mode, SHORTEST_BLOCKS, is_onset};
+use crate::courses::{Courses, Mode, SHORTEST_BLOCKS, is_onset, put};
 use crate::linear_algebra::increment_products;
 use crate::measured::{BLOCK_S, CHANNELS, MeasuredData, Series, Shifts, TIMING};
 use geu_hypothesis::Hypothesis;
-use geu_hypothesis::amplitude::{AmplitudeRef, STEP, is_real};
+use geu_hypothesis::amplitude::{AmplitudeRef, AmplitudeSource, STEP, is_real};
 use geu_hypothesis::gyros::ALL_GYROS;
 
 /// Amplitude of a signature's run, as a share of the largest accepted value.
-const SHARE: f64 = 1e-3;
+pub(crate) const SHARE: f64 = 1e-3;
 /// Amplitude of the run that tests linearity, as a share of the largest accepted value.
 const TRIED_SHARE: f64 = 0.1;
 /// Coefficient of a formula's run.
 const COEFFICIENT: f64 = 1e-6;
 /// Minimum cosine between a computed signature and a run.
 const SAME_SIGNATURE: f64 = 0.95;
+/// Minimum cosine from which a fit uses the computed signature: the change of χ² by the rest is 1 in 10 000.
+const EXACT_SIGNATURE: f64 = 0.9999;
 /// Factor between neighbouring values of a nonlinear amplitude.
 const SIZE_FACTOR: f64 = 1.5;
 /// Smallest value of a nonlinear amplitude, as a share of the largest accepted one.
@@ -54,6 +56,8 @@ pub struct ConstantSignature {
     pub size: f64,
     /// True if other values have the same signature.
     pub is_linear: bool,
+    /// True if computed signatures are exact.
+    pub is_exact: bool,
     /// Averages over blocks.
     pub series: [Arc<[f64]>; CHANNELS],
     /// Application of time courses.
@@ -124,10 +128,9 @@ impl SignatureBank {
     /// Runs the model of `configuration` for each amplitude and value of its shape parameters.
     pub fn new(measured: &MeasuredData, configuration: &Configuration) -> SignatureBank {
         let base = measured.run(configuration, Shifts::default());
-        let reference_c = configuration.electronics.numbers.reference_c;
-        let excess_k = measured.electronics_c().iter().map(|electronics_c| electronics_c - reference_c).collect();
         let jump_blocks = if measured.smoothed.is_some() { measured.block_count() } else { JUMP_BLOCKS };
-        let mut bank = SignatureBank { bases: Vec::new(), courses: Courses::new(excess_k), jump_blocks };
+        let mut bank =
+            SignatureBank { bases: Vec::new(), courses: Courses::on(measured, configuration).with_grid(), jump_blocks };
         bank.bases = AmplitudeRef::all()
             .into_par_iter()
             .filter(is_real)
@@ -143,6 +146,16 @@ impl SignatureBank {
     /// The time courses alone.
     pub fn without_signatures(&self) -> SignatureBank {
         SignatureBank { bases: Vec::new(), ..self.clone() }
+    }
+
+    /// Amplitudes with exact computed signatures only, and how time courses act on them.
+    pub fn linear(&self) -> Vec<(AmplitudeSource, Mode)> {
+        let is_exact = |own: &ConstantSignature| {
+            let mut same = self.bases.iter().filter(|base| base.amplitude == own.amplitude);
+            same.all(|base| base.is_exact && !base.amplitude.filters_motion())
+        };
+        let exact = self.bases.iter().filter(|own| is_exact(own));
+        exact.map(|own| (own.amplitude.parameter, own.mode)).collect()
     }
 
     /// Signatures of both banks.
@@ -179,6 +192,7 @@ impl SignatureBank {
                     own_shapes: Vec::new(),
                     size: COEFFICIENT,
                     is_linear: true,
+                    is_exact: false,
                     series: std::array::from_fn(of_channel),
                     mode: Mode::Rate,
                     products: ProductCache::default(),
@@ -216,6 +230,7 @@ impl SignatureBank {
             own_shapes: own_shapes.clone(),
             size,
             is_linear,
+            is_exact: false,
             series: run(&hypothesis(size)).map(Arc::from),
             mode,
             products: ProductCache::default(),
@@ -240,7 +255,7 @@ impl SignatureBank {
             cosine(&course, &stepped)
         });
         let mode = if by_rate >= by_level { Mode::Rate } else { Mode::Level };
-        small.mode = mode;
+        (small.mode, small.is_exact) = (mode, by_rate.max(by_level) >= EXACT_SIGNATURE);
         let is_silent = cosine(&stepped, &stepped) == 0.0;
         if is_silent
             || by_rate.max(by_level) >= SAME_SIGNATURE
@@ -368,24 +383,6 @@ fn own_shapes(amplitude: &AmplitudeRef, configuration: &Configuration) -> Vec<Ve
         }
     }
     all
-}
-
-/// A time course applied to a signature, over some blocks.
-fn put(series: &[f64], mode: Mode, course: Option<&[f64]>, blocks: Range<usize>) -> Vec<f64> {
-    let from = blocks.start;
-    let Some(course) = course else { return series[blocks].to_vec() };
-    let own = series[blocks].iter().zip(course);
-    match mode {
-        Mode::Level => own.map(|(value, factor)| value * factor).collect(),
-        Mode::Rate => {
-            let (mut sum, mut before) = (0.0, if from == 0 { 0.0 } else { series[from - 1] });
-            own.map(|(value, factor)| {
-                sum += (value - std::mem::replace(&mut before, *value)) * factor;
-                sum
-            })
-            .collect()
-        }
-    }
 }
 
 /// Cosine of the increments of two signatures, without the channel of the times, which has another unit.

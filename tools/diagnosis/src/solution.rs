@@ -7,6 +7,7 @@ use geu_calibration::window::ManoeuvreWindow;
 use geu_model::Configuration;
 
 use crate::fitted_hypothesis::SAME_SIGMAS;
+use crate::linear_signatures::LinearSignatures;
 use crate::measured::{BLOCK, CHANNELS, MeasuredData, Series, Shifts};
 use crate::model_selection::{MAX_PER_GYRO, SelectedModel, select_model};
 use crate::model_state::{DiagnosisCase, ModelState};
@@ -75,6 +76,7 @@ impl<'a> Solution<'a> {
         let correlation = |path: &Series| if has_counts { correlation_with_motion(measured, path) } else { 0.0 };
         let is_loop = correlation(&path) > CLOSED_LOOP;
         let whole = SignatureBank::new(measured, nominal);
+        case.linear = LinearSignatures::new(whole.linear());
         let contains_noise = !has_counts || is_loop || measured.smoothed.is_some();
         let catalogue = if contains_noise { whole.clone().without_small_motions(&path) } else { whole.clone() };
         // In a closed loop the signatures of small motions contain the rounding, and dequantised angles follow one path.

@@ -1,5 +1,6 @@
 //! Diagnoses of simulated and measured recordings.
 
 mod discriminating_test;
+mod linear_signatures;
 mod recorded;
 mod runs;

@@ -239,3 +239,16 @@ pub struct HypothesisParameter {
     /// Largest accepted value.
     pub max: f64,
 }
+
+impl HypothesisParameter {
+    /// Change of the value for a signature.
+    pub fn step(&self) -> f64 {
+        match self.role {
+            // Two blocks, to average over the course within one.
+            Role::Onset | Role::Duration => 10.0,
+            Role::Phase => 0.02,
+            _ if self.value != 0.0 => 0.02 * self.value.abs(),
+            _ => 2e-3 * self.max.min(1e3),
+        }
+    }
+}

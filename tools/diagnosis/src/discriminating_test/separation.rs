@@ -174,8 +174,8 @@ pub fn fitted_chi2(case: &DiagnosisCase, state: &ModelState, index: usize, pair:
     let remaining = |truth: &FittedHypothesis, model: &FittedHypothesis| {
         let truth = with(FittedHypothesis::fixed(truth.hypothesis.clone()));
         let measured = case.measured.with_counts(case.run(&truth));
-        let (nuisances, rounding) = (case.nuisances.clone(), case.rounding.clone());
-        let case = DiagnosisCase { measured: &measured, nominal: case.nominal, nuisances, rounding };
+        let (nuisances, rounding, linear) = (case.nuisances.clone(), case.rounding.clone(), case.linear.clone());
+        let case = DiagnosisCase { measured: &measured, nominal: case.nominal, nuisances, rounding, linear };
         let fits = starts(model).into_iter().map(|start| case.fit(&mut with(start)).squares());
         fits.filter(|chi2| chi2.is_finite()).fold(f64::INFINITY, f64::min)
     };
