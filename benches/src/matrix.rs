@@ -180,6 +180,7 @@ impl Trial {
             seed: 1,
             clock_start_ns: reference.start_ns,
             manoeuvres: None,
+            plans_manoeuvres: false,
             known: &|_| None,
             keep: &|_, _| (),
             progress: &|_| (),

@@ -42,6 +42,7 @@ fn diagnosed(recording: &Recording, reference: &ReferenceAttitude, given: &Confi
         seed: 1,
         clock_start_ns: reference.start_ns,
         manoeuvres: None,
+        plans_manoeuvres: false,
         known: &|key| THRESHOLDS.lock().expect("no panic").get_or_insert_default().get(&key).cloned(),
         keep: &|key, thresholds| {
             THRESHOLDS.lock().expect("no panic").get_or_insert_default().insert(key, thresholds.clone());

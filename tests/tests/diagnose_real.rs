@@ -32,6 +32,7 @@ fn diagnosed(model: &IndependentModel, change: impl Fn(usize, &str) -> Option<St
         seed: 1,
         clock_start_ns: reference.start_ns,
         manoeuvres: None,
+        plans_manoeuvres: false,
         known: &|_| None,
         keep: &|_, _| (),
         progress: &|_| (),

@@ -221,6 +221,7 @@ impl TrialMotion {
             known: &|_| thresholds.cloned(),
             keep: &|_, _| {},
             manoeuvres: None,
+            plans_manoeuvres: false,
             progress: &|_| {},
         };
         diagnose_rows(&recording.rows, &[], &self.nominal, &recording.reference, &options)

@@ -60,8 +60,8 @@ pub fn diagnose_rows(
     let Solution { case, start, bank, thresholds, selected, .. } = second.unwrap_or(solution);
     progress("report");
     let (case, bank, thresholds, start) = (&case, &bank, &thresholds, &start);
-    let entries = Entries { case, bank, thresholds, faults: &checked.faults };
-    let DiagnosisOptions { manoeuvres, seed, .. } = *options;
+    let DiagnosisOptions { manoeuvres, seed, plans_manoeuvres, .. } = *options;
+    let entries = Entries { case, bank, thresholds, faults: &checked.faults, plans_manoeuvres };
     let report = Report { entries, start, raw: raw.as_ref(), manoeuvres, seed };
     Ok(report.finish(selected, findings))
 }

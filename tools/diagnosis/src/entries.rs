@@ -47,6 +47,8 @@ pub struct Entries<'a> {
     pub thresholds: &'a Thresholds,
     /// Wiring faults of the exact checks.
     pub faults: &'a [WiringFault],
+    /// True for manoeuvres that separate alternatives.
+    pub plans_manoeuvres: bool,
 }
 
 /// A hypothesis as a reported effect, with these sigmas of its parameters.
@@ -88,7 +90,8 @@ impl Entries<'_> {
             // The whole ambiguity group, and the next one.
             let in_group = all.iter().take_while(|other| other.delta_chi2 < AMBIGUITY_CHI2).count();
             all.truncate((in_group + 1).max(ALTERNATIVES));
-            let mut tests = tests.select(&selected.state, index, &all[..in_group.min(ALTERNATIVES)]);
+            let tested = if self.plans_manoeuvres { in_group.min(ALTERNATIVES) } else { 0 };
+            let mut tests = tests.select(&selected.state, index, &all[..tested]);
             tests.resize(all.len(), None);
             let reported = |(other, test): (&Alternative, Option<DiscriminatingTest>)| {
                 ReportedAlternative::new(&other.hypothesis, other.cosine, other.delta_chi2, test)

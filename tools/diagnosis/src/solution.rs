@@ -33,6 +33,8 @@ pub struct DiagnosisOptions<'a> {
     pub clock_start_ns: i64,
     /// Manoeuvres on the time scale of the recording; without them the motion itself determines the segments.
     pub manoeuvres: Option<&'a [ManoeuvreWindow]>,
+    /// True for a manoeuvre that separates each effect from its alternatives.
+    pub plans_manoeuvres: bool,
     /// Reads stored thresholds by their key.
     pub known: &'a (dyn Fn(u64) -> Option<Thresholds> + Sync),
     /// Stores new thresholds.

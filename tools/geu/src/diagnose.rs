@@ -86,6 +86,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         seed: arguments.seed,
         clock_start_ns: arguments.evaluation.start_ns(reference.start_ns),
         manoeuvres: windows.as_deref(),
+        plans_manoeuvres: true,
         known: &|key| cache.get(key),
         keep: &|key, thresholds| cache.put(key, thresholds),
         progress: &|what| bar.set_message(what.to_owned()),
