@@ -17,7 +17,7 @@ use crate::next_manoeuvre::DiscriminatingTest;
 use crate::noise::Walk;
 use crate::null_distribution::Thresholds;
 use crate::outcome::{Chi2Fall, Class, Correction, DiagnosedEffect, EstimatedValue, ReportedAlternative};
-use crate::search::search;
+use crate::search::{search, shape_penalty};
 use crate::signature_bank::{ConstantSignature, HypothesisFamily, SignatureBank};
 use geu_checks::WiringFault;
 use geu_hypothesis::Hypothesis;
@@ -83,8 +83,10 @@ impl Entries<'_> {
         let tests = DiscriminatingTests::new(self.case);
         let of = |(index, held): (usize, &FittedHypothesis)| {
             let chi2 = selected.chi2_fall(self.case, index);
-            let penalties =
-                Penalties { found: chi2.threshold, of: &|family, own| self.thresholds.penalty(family, own) };
+            let penalties = Penalties {
+                found: chi2.threshold + shape_penalty(&held.hypothesis),
+                of: &|family, own| self.thresholds.penalty(family, own) + shape_penalty(own),
+            };
             let mut all = alternatives(self.case, self.bank, &selected.state, index, &penalties);
             all.retain(|other| !is_the_same(&held.hypothesis.amplitude, other));
             // The whole ambiguity group, and the next one.

@@ -16,14 +16,13 @@ use crate::measured::TIMING;
 use crate::model_state::{DiagnosisCase, FittedHypothesis, ModelState};
 use crate::normal_equations::NormalEquations;
 use crate::null_distribution::Thresholds;
-use crate::search::{Candidate, passes_cross_validation, search};
+use crate::search::{Candidate, passes_cross_validation, search, shape_penalty};
 use crate::signature_bank::SignatureBank;
 use crate::spots::Spot;
 use geu_hypothesis::Hypothesis;
 
 use acceptance::REJECTED_CHI2;
 use refine::{fit_last, is_possible};
-use selected::shape_penalty;
 
 pub use selected::{IdentifiedNoise, MAX_PER_GYRO, SelectedModel, SelectionStep};
 
@@ -166,7 +165,8 @@ fn exchange(
         let bank_now = bank.late(state.shifts.temperature_s);
         let candidates = search(&bank_now, &normal, &state, Some(thresholds));
         let Some(fit) = best_fit(case, thresholds, &state, &normal, &candidates) else { continue };
-        if score(&fit) <= chi2.fall - chi2.threshold - shape_penalty(&now.state.held[index]) + EXCHANGED_CHI2 {
+        if score(&fit) <= chi2.fall - chi2.threshold - shape_penalty(&now.state.held[index].hypothesis) + EXCHANGED_CHI2
+        {
             continue;
         }
         now.remove(index);
@@ -182,7 +182,7 @@ fn exchange(
 }
 
 fn score(fit: &Fit) -> f64 {
-    fit.0 - fit.2.held.last().map_or(0.0, shape_penalty)
+    fit.0 - fit.2.held.last().map_or(0.0, |held| shape_penalty(&held.hypothesis))
 }
 
 /// Amplitude as a share of its largest value.

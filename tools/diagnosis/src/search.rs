@@ -51,10 +51,16 @@ pub fn sets(amplitude: &AmplitudeRef, reached: [bool; CHANNELS]) -> Vec<Gyros> {
     all.filter(|set: &Gyros| (0..TIMING).all(|gyro| reached[gyro] || !set[gyro])).collect()
 }
 
-/// Penalty of a set of two or three gyros, of which there are ten, beside one gyro or all of them.
+/// Penalty of the shapes of a time course: that of a shape parameter for each.
+pub fn shape_penalty(hypothesis: &Hypothesis) -> f64 {
+    SHAPE_CHI2 * hypothesis.course_shapes.len() as f64
+}
+
+/// Penalty of a set of two or three gyros beside one gyro or all of them: there are ten, together a tenth as likely, since a cause acts on
+/// one gyro or on all.
 pub fn set_penalty(gyros: &Gyros, amplitude: &AmplitudeRef) -> f64 {
     let count = gyros.iter().filter(|has| **has).count();
-    if !amplitude.is_of_unit() && (count == 2 || count == 3) { 2.0 * 10f64.ln() } else { 0.0 }
+    if !amplitude.is_of_unit() && (count == 2 || count == 3) { 2.0 * 100f64.ln() } else { 0.0 }
 }
 
 /// The best candidate of each amplitude and set of gyros, best first, without any that a configuration cannot contain beside the

@@ -9,7 +9,7 @@ use crate::noise::{FittedNoise, Walk};
 use crate::normal_equations::NormalEquations;
 use crate::null_distribution::Thresholds;
 use crate::outcome::{Chi2Fall, Correction, DiagnosedEffect};
-use crate::search::{Candidate, SHAPE_CHI2};
+use crate::search::{Candidate, shape_penalty};
 use crate::temperature_lag::lag_chi2;
 use crate::whitening::NoiseModel;
 use geu_hypothesis::gyros::{Gyros, is_within};
@@ -42,11 +42,6 @@ impl IdentifiedNoise {
     pub fn is_significant(&self, nominal: &Configuration, state: &ModelState) -> bool {
         self.channel != TIMING && state.noise[self.channel].walk(self.walk) >= MIN_WALK * self.configured(nominal)
     }
-}
-
-/// Penalty of the shapes of a time course: that of a shape parameter for each.
-pub(super) fn shape_penalty(held: &FittedHypothesis) -> f64 {
-    SHAPE_CHI2 * held.hypothesis.course_shapes.len() as f64
 }
 
 /// The best hypothesis of the search, if it is not possible or the model run does not confirm it.
@@ -107,7 +102,7 @@ impl SelectedModel {
             + FURTHER_WALK_CHI2 * self.noise.len().saturating_sub(1) as f64;
         let (residual, calibration) = (case.residual(&self.state), &self.state.calibration);
         let normal = NormalEquations::new(case.whitenings(noise), &residual, &case.nuisances, calibration);
-        let penalty = |held: &FittedHypothesis| held.penalty + shape_penalty(held);
+        let penalty = |held: &FittedHypothesis| held.penalty + shape_penalty(&held.hypothesis);
         normal.deviance() + self.state.held.iter().map(penalty).sum::<f64>() + lag_chi2(&self.state) + walks
     }
 
