@@ -16,7 +16,7 @@ use crate::measured::TIMING;
 use crate::model_state::{DiagnosisCase, FittedHypothesis, ModelState};
 use crate::normal_equations::NormalEquations;
 use crate::null_distribution::Thresholds;
-use crate::search::{Candidate, passes_cross_validation, search, shape_penalty};
+use crate::search::{Candidate, passes_cross_validation, search, separate_sets, shape_penalty};
 use crate::signature_bank::SignatureBank;
 use crate::spots::Spot;
 use geu_hypothesis::Hypothesis;
@@ -59,18 +59,23 @@ pub fn select_model(
         selected.prune(case);
         selected.settled(case, thresholds)
     };
-    let grown = |selected| exchange(case, bank, thresholds, grow(case, bank, thresholds, selected, per_gyro));
-    let effects_first = || finished(grown(SelectedModel::start(case, start.clone())));
+    let grown = |selected: &SelectedModel, order| {
+        let (selected, is_other) = grow(case, bank, thresholds, selected.clone(), per_gyro, order);
+        let mut selected = exchange(case, bank, thresholds, selected);
+        // Walks are fitted again beside the effects.
+        selected.reset_noise(case, &[true; TIMING]);
+        (finished(selected), is_other)
+    };
+    let from = |selected: &SelectedModel| {
+        let (separate, is_other) = grown(selected, Order::SeparateFirst);
+        let joint = is_other.then(|| grown(selected, Order::BestFirst).0);
+        joint.filter(|joint| joint.1 < separate.1).unwrap_or(separate)
+    };
+    let effects_first = || from(&SelectedModel::start(case, start.clone()));
     let noise_first = || {
         let mut noise = SelectedModel::start(case, start.clone());
         noise.free_noise(case, thresholds);
-        if noise.noise.is_empty() {
-            return None;
-        }
-        let mut noise = grown(noise);
-        // The walks are fitted again beside the effects.
-        noise.reset_noise(case, &[true; TIMING]);
-        Some(finished(noise))
+        (!noise.noise.is_empty()).then(|| from(&noise))
     };
     let ((effects, effects_score), noise) = rayon::join(effects_first, noise_first);
     match noise {
@@ -79,17 +84,45 @@ pub fn select_model(
     }
 }
 
-/// Adds the best effect as long as one is acceptable and no gyro has more than `per_gyro`.
+/// Order in which hypotheses are added.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Order {
+    /// The best one.
+    BestFirst,
+    /// The best one on the sets of gyros that have separate hypotheses: on several gyros with different effects, one hypothesis explains a
+    /// part of each.
+    SeparateFirst,
+}
+
+impl Order {
+    /// Candidates in this order, and whether the first is another one than in the order of their scores.
+    fn sorted(self, mut candidates: Vec<Candidate>, thresholds: &Thresholds) -> (Vec<Candidate>, bool) {
+        let score = |own: &Candidate| own.gain.chi2 - thresholds.penalty(own.family, &own.hypothesis);
+        let sets = separate_sets(candidates.iter().map(|own| (own.hypothesis.gyros, score(own))));
+        let is_separate = |own: &Candidate| sets.contains(&own.hypothesis.gyros);
+        let is_other = candidates.first().is_some_and(|first| !sets.is_empty() && !is_separate(first));
+        if self == Order::SeparateFirst && is_other {
+            candidates.retain(is_separate);
+        }
+        (candidates, is_other)
+    }
+}
+
+/// Adds the best effect as long as one is acceptable and no gyro has more than `per_gyro`; also returns whether another order differs.
 fn grow(
     case: &DiagnosisCase,
     bank: &SignatureBank,
     thresholds: &Thresholds,
     mut now: SelectedModel,
     per_gyro: usize,
-) -> SelectedModel {
+    order: Order,
+) -> (SelectedModel, bool) {
+    let mut is_other = false;
     loop {
         let bank_now = bank.late(now.state.shifts.temperature_s);
         let candidates = search(&bank_now, &now.normal, &now.state, Some(thresholds));
+        let (candidates, differs) = order.sorted(candidates, thresholds);
+        is_other |= differs;
         let Some(first) = candidates.first() else { break };
         let best = first.gain.chi2 - thresholds.penalty(first.family, &first.hypothesis);
         if now.state.held.len() >= MAX_EFFECTS || (0..TIMING).any(|gyro| now.on(gyro).count() > per_gyro) {
@@ -113,7 +146,7 @@ fn grow(
         now.round_count(case);
         now.join_lagged(case, bank, thresholds);
     }
-    now
+    (now, is_other)
 }
 
 /// Fits the best candidates beside a state; the likeliest of those that are acceptable.

@@ -35,7 +35,7 @@ const MIN_INFORMATION: f64 = 0.2;
 pub type Nuisance = [Option<Vec<f64>>; CHANNELS];
 
 /// Normal equations of a whitened residual and its nuisances.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct NormalEquations {
     whitenings: [Whitening; CHANNELS],
     /// First block of each third, and the end.

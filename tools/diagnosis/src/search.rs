@@ -18,6 +18,8 @@ const MAX_RISE_CHI2: f64 = 9.0;
 pub const SHAPE_CHI2: f64 = 4.0;
 /// Candidates with optimised shape parameters.
 const OPTIMISED: usize = 16;
+/// Those of each of several sets of gyros with separate hypotheses.
+const OPTIMISED_ON_SET: usize = 4;
 
 /// A hypothesis with its fit.
 #[derive(Debug, Clone)]
@@ -63,6 +65,33 @@ pub fn set_penalty(gyros: &Gyros, amplitude: &AmplitudeRef) -> f64 {
     if !amplitude.is_of_unit() && (count == 2 || count == 3) { 2.0 * 100f64.ln() } else { 0.0 }
 }
 
+fn mask(gyros: &Gyros) -> usize {
+    gyros.iter().rev().fold(0, |mask, has| 2 * mask + usize::from(*has))
+}
+
+/// The disjoint sets of gyros with the highest sum of positive scores. Gyros have independent noise, so that the χ² reductions of
+/// hypotheses on different gyros add up.
+pub fn separate_sets(scored: impl Iterator<Item = (Gyros, f64)>) -> Vec<Gyros> {
+    let mut of_set = [0.0; 16];
+    scored.for_each(|(gyros, score)| of_set[mask(&gyros)] = score.max(of_set[mask(&gyros)]));
+    // For each set its best sum, and the one of the disjoint sets that contains its first gyro.
+    let mut best = [(0.0, 0); 16];
+    for all in 1usize..16 {
+        let first = all & all.wrapping_neg();
+        let sets = (1..=all).filter(|set| set & all == *set && set & first != 0);
+        let sums = sets.map(|set| (of_set[set] + best[all ^ set].0, set));
+        best[all] = sums.fold((f64::NEG_INFINITY, 0), |best, own| if own.0 > best.0 { own } else { best });
+    }
+    let mut sets = Vec::new();
+    let mut rest = 15;
+    while rest != 0 {
+        let set = best[rest].1;
+        sets.extend((of_set[set] > 0.0).then(|| std::array::from_fn(|gyro| set & (1 << gyro) != 0)));
+        rest ^= set;
+    }
+    sets
+}
+
 /// The best candidate of each amplitude and set of gyros, best first, without any that a configuration cannot contain beside the
 /// hypotheses of the state. Scores have the penalties of `thresholds`, if any.
 pub fn search(
@@ -90,7 +119,14 @@ pub fn search(
         }
     }
     best.sort_by(|a, b| score(b).total_cmp(&score(a)));
-    best.truncate(OPTIMISED);
+    let separate = separate_sets(best.iter().map(|spot| (spot.gyros, score(spot))));
+    let mut seen = [0; 16];
+    let is_kept = |(place, spot): (usize, Spot)| {
+        let count = &mut seen[mask(&spot.gyros)];
+        *count += 1;
+        (place < OPTIMISED || *count <= OPTIMISED_ON_SET && separate.contains(&spot.gyros)).then_some(spot)
+    };
+    let best: Vec<Spot> = best.into_iter().enumerate().filter_map(is_kept).collect();
     let optimised = |spot: Spot| {
         let best = spot.optimised(bank, normal, |_| true).unwrap_or(spot);
         best.as_step(bank, normal, SHAPE_CHI2).filter(is_possible).unwrap_or(best)

@@ -64,7 +64,7 @@ pub struct SelectionStep {
 }
 
 /// Result of the selection.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct SelectedModel {
     /// Parameters and hypotheses.
     pub state: ModelState,
