@@ -36,6 +36,9 @@ const NEAR: f64 = 0.93;
 const MIN_SHARE: f64 = 0.8;
 /// Nor those whose χ² reduction is lower by this, if that is the lower limit.
 const NEAR_CHI2: f64 = 12.0;
+/// If none of the better ones is acceptable, candidates with this share of the best one's margin are fitted: one of two effects on a gyro
+/// may not pass the cross-validation alone.
+const LESSER: f64 = 0.5;
 /// A time course is not fitted if a likelier one of the same amplitude explains as much up to this share.
 const NEEDLESS: f64 = 0.02;
 /// Scores that differ by less are equal.
@@ -149,7 +152,7 @@ fn grow(
     (now, is_other)
 }
 
-/// Fits the best candidates beside a state; the likeliest of those that are acceptable.
+/// Fits the best candidates beside a state; the likeliest of those that are acceptable. If none is, the next ones are fitted.
 fn best_fit(
     case: &DiagnosisCase,
     thresholds: &Thresholds,
@@ -159,7 +162,6 @@ fn best_fit(
 ) -> Option<Fit> {
     let penalty = |candidate: &Candidate| thresholds.penalty(candidate.family, &candidate.hypothesis);
     let margin = |candidate: &Candidate| candidate.gain.chi2 - penalty(candidate);
-    let best = margin(candidates.first()?);
     let fitted = |candidate: &Candidate| -> Option<Fit> {
         let mut tried = state.clone();
         let held = FittedHypothesis::new(candidate.hypothesis.clone());
@@ -172,17 +174,26 @@ fn best_fit(
         let is_accepted = fall > 0.0 && passes_cross_validation(&candidate.held_out);
         (is_accepted && is_possible(tried.held.last()?)).then_some((fall, place, tried, tried_normal))
     };
-    let min_margin = (NEAR * best).min(best - NEAR_CHI2);
-    let is_equal = |candidate: &&Candidate| margin(candidate) > best - EQUAL_CHI2;
-    let mut equal: Vec<&Candidate> = candidates.iter().filter(is_equal).collect();
-    equal.sort_by(|one, other| share_of_limit(&one.hypothesis).total_cmp(&share_of_limit(&other.hypothesis)));
-    let others = candidates.iter().filter(|candidate| !is_equal(candidate));
-    let near =
-        equal.into_iter().chain(others).take(FITTED).filter(|candidate| {
+    let min = LESSER * margin(candidates.first()?);
+    let mut rest = candidates;
+    while let Some(first) = rest.first().filter(|first| margin(first) >= min) {
+        let best = margin(first);
+        let min_margin = (NEAR * best).min(best - NEAR_CHI2);
+        let is_equal = |candidate: &&Candidate| margin(candidate) > best - EQUAL_CHI2;
+        let mut equal: Vec<&Candidate> = rest.iter().filter(is_equal).collect();
+        equal.sort_by(|one, other| share_of_limit(&one.hypothesis).total_cmp(&share_of_limit(&other.hypothesis)));
+        let others = rest.iter().filter(|candidate| !is_equal(candidate));
+        let is_near = |candidate: &&Candidate| {
             candidate.gain.chi2 > MIN_SHARE * penalty(candidate) && margin(candidate) >= min_margin
-        });
-    let near = without_needless_courses(near.collect());
-    simplest(near.into_par_iter().filter_map(fitted).collect())
+        };
+        let near: Vec<&Candidate> = equal.into_iter().chain(others).take(FITTED).filter(is_near).collect();
+        rest = &rest[near.len().max(1)..];
+        let near = without_needless_courses(near);
+        if let Some(fit) = simplest(near.into_par_iter().filter_map(fitted).collect()) {
+            return Some(fit);
+        }
+    }
+    None
 }
 
 /// Replaces each of several hypotheses by a likelier hypothesis beside the others: an earlier one may have explained a part of a later one.
