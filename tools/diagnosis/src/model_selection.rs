@@ -71,8 +71,10 @@ pub fn select_model(
     };
     let from = |selected: &SelectedModel| {
         let (separate, is_other) = grown(selected, Order::SeparateFirst);
-        let joint = is_other.then(|| grown(selected, Order::BestFirst).0);
-        joint.filter(|joint| joint.1 < separate.1).unwrap_or(separate)
+        match is_other.then(|| grown(selected, Order::BestFirst).0) {
+            Some(joint) => likelier(separate, joint),
+            None => separate,
+        }
     };
     let effects_first = || from(&SelectedModel::start(case, start.clone()));
     let noise_first = || {
@@ -80,11 +82,18 @@ pub fn select_model(
         noise.free_noise(case, thresholds);
         (!noise.noise.is_empty()).then(|| from(&noise))
     };
-    let ((effects, effects_score), noise) = rayon::join(effects_first, noise_first);
-    match noise {
-        Some((noise, noise_score)) if noise_score < effects_score => noise,
-        _ => effects,
+    match rayon::join(effects_first, noise_first) {
+        (effects, Some(noise)) => likelier(effects, noise).0,
+        (effects, None) => effects.0,
     }
+}
+
+/// The selection with the lower score. A limit that ended the search of the other one may have made it worse.
+fn likelier(one: (SelectedModel, f64), other: (SelectedModel, f64)) -> (SelectedModel, f64) {
+    let is_cut = one.0.is_cut || other.0.is_cut;
+    let (mut selected, score) = if other.1 < one.1 { other } else { one };
+    selected.is_cut = is_cut;
+    (selected, score)
 }
 
 /// Order in which hypotheses are added.
