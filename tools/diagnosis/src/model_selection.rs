@@ -36,8 +36,8 @@ const NEAR: f64 = 0.93;
 const MIN_SHARE: f64 = 0.8;
 /// Nor those whose χ² reduction is lower by this, if that is the lower limit.
 const NEAR_CHI2: f64 = 12.0;
-/// If none of the better ones is acceptable, candidates with this share of the best one's margin are fitted: one of two effects on a gyro
-/// may not pass the cross-validation alone.
+/// If none of the better ones is acceptable, candidates with this share of the best one's margin are fitted: on a gyro with two
+/// effects, neither may pass the cross-validation alone.
 const LESSER: f64 = 0.5;
 /// A time course is not fitted if a likelier one of the same amplitude explains as much up to this share.
 const NEEDLESS: f64 = 0.02;
@@ -161,7 +161,7 @@ fn grow(
     (now, is_other)
 }
 
-/// Fits the best candidates beside a state; the likeliest of those that are acceptable. If none is, the next ones are fitted.
+/// Fits the best candidates beside a state; the likeliest acceptable one. If none is acceptable, the next ones are fitted.
 fn best_fit(
     case: &DiagnosisCase,
     thresholds: &Thresholds,

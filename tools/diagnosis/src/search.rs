@@ -18,7 +18,7 @@ const MAX_RISE_CHI2: f64 = 9.0;
 pub const SHAPE_CHI2: f64 = 4.0;
 /// Candidates with optimised shape parameters.
 const OPTIMISED: usize = 16;
-/// Those of each of several sets of gyros with separate hypotheses.
+/// Additional ones on each of several sets of gyros with separate hypotheses.
 const OPTIMISED_ON_SET: usize = 4;
 
 /// A hypothesis with its fit.
@@ -74,7 +74,7 @@ fn mask(gyros: &Gyros) -> usize {
 pub fn separate_sets(scored: impl Iterator<Item = (Gyros, f64)>) -> Vec<Gyros> {
     let mut of_set = [0.0; 16];
     scored.for_each(|(gyros, score)| of_set[mask(&gyros)] = score.max(of_set[mask(&gyros)]));
-    // For each set its best sum, and the one of the disjoint sets that contains its first gyro.
+    // For each set its best sum, and the disjoint set that contains its first gyro.
     let mut best = [(0.0, 0); 16];
     for all in 1usize..16 {
         let first = all & all.wrapping_neg();

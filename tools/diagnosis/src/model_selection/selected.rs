@@ -74,7 +74,7 @@ pub struct SelectedModel {
     pub steps: Vec<SelectionStep>,
     /// Walks above their configured growth.
     pub noise: Vec<IdentifiedNoise>,
-    /// True if a limit on the number of effects, on one gyro or in all, ended the search or another one that is less likely.
+    /// True if a limit on the number of effects, on one gyro or in all, ended the search or a less likely one.
     pub is_cut: bool,
     /// The rejected hypothesis at the end of the search.
     pub(super) rejected: Option<RejectedHypothesis>,
