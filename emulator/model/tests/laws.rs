@@ -49,10 +49,11 @@ fn a_rate_in_the_dead_zone_is_not_sensed_and_a_larger_one_whole() {
     for (rate, sensed) in [(3.1, 0.0), (-3.1, 0.0), (3.3, 33.0), (-3.3, -33.0), (0.0, 0.0), (300.0, 3000.0)] {
         assert_near(total(effect, 20, rate, 0.0), sensed, &rate.to_string());
     }
-    // From −10 to 10″/s in 10 s: of the sub-steps with rates of ±0.1, ±0.3 … ±9.9″/s those below 3.2″/s are lost, and the
-    // others cancel. From 0 to 10″/s in 5 s the lost ones are 0.1·(0.1 + 0.3 + … + 3.1)″ = 25.6″/10.
+    // From −10 to 10″/s in 10 s the zone loses as much on either side of 0. From 0 to 10″/s in 5 s it loses the first 1.6 s, a mean of
+    // 1.6″/s; from 0.1″/s, which meets the limit in mid-step, the first 1.55 s, a mean of 1.65″/s.
     assert_near(total(effect, 20, -10.0, 2.0), 0.0, "through zero");
     assert_near(total(effect, 10, 0.0, 2.0), 25.0 - 2.56, "from rest");
+    assert_near(total(effect, 10, 0.1, 2.0), 25.5 - 1.55 * 1.65, "in mid-step");
 }
 
 #[test]
