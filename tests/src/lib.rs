@@ -2,6 +2,7 @@
 
 pub mod comparison;
 pub mod emulator;
+pub mod http;
 pub mod page;
 pub mod pty;
 pub mod simulator;

@@ -1,21 +1,15 @@
 //! Data of the bench page: the last ten minutes at any speed, and the reason why a sample was not sent.
 
-use std::io::{Read, Write};
-use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
 use geu_tests::emulator::Emulator;
+use geu_tests::http::ask;
 use serde_json::Value;
 
 fn get(address: &str, path: &str) -> String {
-    let mut stream = TcpStream::connect(address).expect("the unit listens");
-    stream.set_read_timeout(Some(Duration::from_secs(20))).expect("a socket");
-    write!(stream, "GET {path} HTTP/1.1\r\nhost: {address}\r\nconnection: close\r\n\r\n").expect("asked");
-    let mut answer = String::new();
-    stream.read_to_string(&mut answer).expect("an answer");
-    let (head, body) = answer.split_once("\r\n\r\n").expect("a head");
-    assert!(head.starts_with("HTTP/1.1 200"), "{head}");
-    body.to_owned()
+    let (status, body) = ask(address, "GET", path, "", "");
+    assert_eq!(status, 200, "{body}");
+    body
 }
 
 fn json(address: &str, path: &str) -> Value {

@@ -2,12 +2,15 @@
 
 use std::fs;
 use std::io::{BufRead, BufReader};
+use std::net::TcpListener;
 use std::path::Path;
 use std::process::{Output, Stdio};
+use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use geu_tests::emulator::Emulator;
 use geu_tests::geu;
+use geu_tests::http::ask;
 use serde_json::Value;
 
 /// Length of a recording: a pointing, slews about Y, and most of the scan after them.
@@ -116,13 +119,91 @@ fn a_drift_injected_into_a_running_unit_has_an_alarm_and_a_name() {
             break;
         }
     }
+    // The emulator has each event, as printed and with a number, found by its link.
+    let patience = Instant::now() + Duration::from_secs(20);
+    let posted = loop {
+        let answer = ask(&control, "GET", "/api/watch", "", "").1;
+        let posted: Vec<Value> = serde_json::from_str(&answer).expect("a list");
+        if posted.len() >= events.len() || Instant::now() > patience {
+            break posted;
+        }
+        sleep(Duration::from_millis(50));
+    };
     child.kill().expect("it runs");
     child.wait().expect("its end");
+    for (number, event) in events.iter().enumerate() {
+        let mut event = event.clone();
+        event["number"] = (number + 1).into();
+        assert_eq!(posted.get(number), Some(&event), "{posted:?}");
+    }
     let alarm =
         events.iter().find(|event| event["event"] == "alarm").unwrap_or_else(|| panic!("no alarm in {events:?}"));
     assert_eq!(alarm["gyros"], serde_json::json!(["GYRX"]), "{events:?}");
     let named = events.iter().find(|event| event["event"] == "named");
     assert!(named.is_none_or(|named| named["code"] == "drift"), "{events:?}");
+}
+
+#[test]
+fn an_emulator_that_is_absent_slow_or_refuses_neither_ends_nor_delays_a_watch() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let (recording, plan) = (directory.path().join("gaps"), directory.path().join("plan.toml"));
+    let gap = |at_s: u32| format!("[[fault]]\nfault = \"drop\"\nat_s = {at_s}.0\nfor_s = 3.0\n");
+    fs::write(&plan, gap(100) + &gap(200) + &gap(300)).expect("written");
+    simulate(&recording, "400", &["--faults", plan.to_str().expect("text")]);
+    let alone = watch(&recording, false, &["--control", "off"]);
+    assert_eq!(events(&alone).len(), 3, "{}", text(&alone.stdout));
+    assert!(!text(&alone.stderr).contains("posts events"), "{}", text(&alone.stderr));
+
+    let token = directory.path().join("token");
+    fs::write(&token, "secret-word").expect("written");
+    let arguments = ["--tcp", "127.0.0.1:0", "--control", "127.0.0.1:0", "--control-token-file"];
+    let mut emulator = Emulator::start(1, &[&arguments[..], &[token.to_str().expect("text")]].concat());
+    let refusing = emulator.control();
+    // Never accepts.
+    let slow = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let absent = TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("an address").to_string();
+    for (control, expected) in [
+        (refusing.as_str(), "expected the token of the emulator"),
+        (&absent, "expected a running emulator"),
+        (&slow.local_addr().expect("an address").to_string(), "too slow"),
+    ] {
+        let start = Instant::now();
+        let output = watch(&recording, false, &["--control", control]);
+        assert!(start.elapsed() < Duration::from_secs(10), "{:?}", start.elapsed());
+        let said = text(&output.stderr);
+        assert!(output.status.success() && said.contains(expected), "{said}");
+        assert_eq!(said.matches("the bench page lacks an event").count(), 1, "{said}");
+        assert_eq!(output.stdout, alone.stdout, "{said}");
+    }
+    let with_token = ["--control", &refusing, "--control-token-file", token.to_str().expect("text")];
+    assert!(!text(&watch(&recording, false, &with_token).stderr).contains("lacks"));
+    let authorization = "authorization: Bearer secret-word\r\n";
+    let list = || {
+        serde_json::from_str::<Vec<Value>>(&ask(&refusing, "GET", "/api/watch", authorization, "").1).expect("a list")
+    };
+    assert_eq!(list().len(), 3);
+
+    // Other bodies are refused with one message, and changes no list.
+    for (body, expected) in [
+        ("{}", "t_s: expected a time from 0 to 1e12 s, got none"),
+        ("[1]", "body: expected a JSON object, got [1]"),
+        (
+            r#"{"t_s":1,"event":"<img src=x>","code":"drift","gyros":[],"statistic":1,"threshold":1}"#,
+            "event: expected alarm, named, interruption or reference-end, got",
+        ),
+        (r#"{"t_s":1e999}"#, "body: expected a JSON object: number out of range"),
+        (&format!(r#"{{"{}":1}}"#, "x".repeat(900)), "expected the keys t_s, event, code"),
+        (&"[".repeat(1025), "body: expected at most 1024 bytes, got more"),
+    ] {
+        let (status, answer) = ask(&refusing, "POST", "/api/watch", authorization, body);
+        let refused: Value = serde_json::from_str(&answer).expect("JSON");
+        assert!(
+            [400, 413].contains(&status) && refused["error"].as_str().is_some_and(|error| error.starts_with(expected)),
+            "{answer}"
+        );
+    }
+    assert_eq!(ask(&refusing, "POST", "/api/watch", "", "{}").0, 401);
+    assert_eq!(list().len(), 3);
 }
 
 #[test]

@@ -44,13 +44,13 @@ impl EmulatorArgs {
     /// # Errors
     /// No emulator or several match, it has no control interface, or the token cannot be read.
     pub fn find(&self) -> Result<ControlClient, CommandError> {
-        let token = self.token.read()?;
         let control = match &self.control {
-            Some(address) => address.trim_start_matches("http://").trim_end_matches('/').to_owned(),
+            Some(address) => address.clone(),
             None => running::control(self.at.as_deref())?,
         };
-        let which = running::note_emulator(&control);
-        Ok(ControlClient { control, token, which })
+        let mut client = ControlClient::new(&control, &self.token)?;
+        client.which = running::note_emulator(&client.control);
+        Ok(client)
     }
 }
 
@@ -65,12 +65,22 @@ pub struct ControlClient {
 
 /// An event of the emulator.
 pub struct ServerEvent {
-    /// `sample` or `timeline`.
+    /// Name in the event stream: `timeline`, `watch`, or that of a sample.
     pub name: String,
     pub data: Value,
 }
 
 impl ControlClient {
+    /// The emulator with the control interface at this address.
+    ///
+    /// # Errors
+    /// The token cannot be read.
+    pub fn new(address: &str, token: &Token) -> Result<ControlClient, CommandError> {
+        let control = address.trim_start_matches("http://").trim_end_matches('/').to_owned();
+        let which = format!("control http://{control}/");
+        Ok(ControlClient { control, token: token.read()?, which })
+    }
+
     /// Sends a request and returns the answer.
     ///
     /// # Errors

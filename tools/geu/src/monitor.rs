@@ -45,13 +45,13 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     loop {
         for event in emulator.follow()? {
             let event = event?;
-            if event.name == "timeline" {
-                let line = format!(
-                    "{:>10.1} s  {:<12} {}",
-                    event.data["t_s"].as_f64().unwrap_or_default(),
-                    event.data["kind"].as_str().unwrap_or_default(),
-                    event.data["text"].as_str().unwrap_or_default()
-                );
+            if matches!(&*event.name, "timeline" | "watch") {
+                let (data, text) = (&event.data, |key: &str| event.data[key].as_str().unwrap_or_default().to_owned());
+                let (kind, text) = match (&*event.name, text("event"), text("code")) {
+                    ("watch", watch, code) => ("watch".to_owned(), format!("{watch} {code} {}", data["gyros"])),
+                    _ => (text("kind"), text("text")),
+                };
+                let line = format!("{:>10.1} s  {kind:<12} {text}", number(&data["t_s"]));
                 if is_screen {
                     events.truncate(EVENT_LINES - 1);
                     events.push_front(line);

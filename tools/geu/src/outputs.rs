@@ -160,7 +160,7 @@ mod tests {
     use super::*;
 
     /// Options that name a path that is read, or is not a result. A new option of this kind is added here.
-    const NO_OUTPUTS: [&str; 40] = [
+    const NO_OUTPUTS: [&str; 41] = [
         "blind campaign --config",
         "blind hide --config",
         "blind score --config",
@@ -200,6 +200,7 @@ mod tests {
         "simulate config",
         "track --config",
         "watch --config",
+        "watch --control-token-file",
         "watch --reference",
     ];
 

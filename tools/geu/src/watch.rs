@@ -1,16 +1,32 @@
 //! `geu watch`: diagnosis on a running link.
 
 use std::slice;
+use std::sync::Once;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, channel, sync_channel};
+use std::thread::{self, sleep};
+use std::time::Duration;
 
 use clap::Args;
 use geu_recording::{Defect, ReceivedSample, ReferenceAttitude, Sink};
 use geu_watch::{FALSE_ALARM_INTERVAL_DAYS, Monitor, THRESHOLD};
+use serde_json::Value;
+use ureq::http::Method;
 
 use crate::command_error::{CommandError, note, say};
+use crate::control_client::ControlClient;
 use crate::decode::{InputArgs, note_elsewhere};
+use crate::running;
 use crate::settings::{ConfigArgs, NamedConfigArgs};
+use crate::token::Token;
 
-/// Watches a link: which gyro changed, and of which kind the change is. Events are JSON lines.
+/// Number of events that wait to be posted.
+const QUEUE: usize = 256;
+/// Minimum interval between two posts: an emulator accepts 20 events per second.
+const POST_INTERVAL: Duration = Duration::from_millis(50);
+/// Time for the events that still wait at the end.
+const END_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// Watches a link: which gyro changed, and of which kind the change is. Events are JSON lines, and on the bench page of the emulator.
 ///
 /// The first half hour is estimated; changes after it are reported. With a reference each gyro is compared with the model; without, only
 /// a difference of GYRZA and GYRZB is seen, which does not show which of the two changed, and no change of GYRX and GYRY.
@@ -27,6 +43,11 @@ pub struct Arguments {
     /// Take times from the clock of the unit, not from receive times: for a reference that starts with the unit
     #[arg(long)]
     clock: bool,
+    /// Control interface of the emulator that shows the events on its bench page, or off [default: of the running emulator with this link]
+    #[arg(long, value_name = "ADDRESS|off")]
+    control: Option<String>,
+    #[command(flatten)]
+    token: Token,
     #[command(flatten)]
     reading: InputArgs,
     /// Exit with 1 if there was an alarm.
@@ -45,6 +66,12 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let configuration = ConfigArgs::from(&arguments.unit).read()?;
     let reference = arguments.reference.as_ref().map(|name| ReferenceAttitude::read(name));
     let reference = reference.transpose().map_err(CommandError::input)?;
+    let control = match arguments.control.as_deref() {
+        Some("off") => None,
+        Some(address) => Some(address.to_owned()),
+        None => running::control(Some(&arguments.link)).ok(),
+    };
+    let emulator = control.map(|address| ControlClient::new(&address, &arguments.token)).transpose()?;
     if !arguments.quiet {
         let seen = match &reference {
             Some(_) => "each gyro against the model along the reference",
@@ -55,16 +82,21 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         note(format_args!(
             "geu: watches {seen}; threshold {THRESHOLD}, for one false alarm in {FALSE_ALARM_INTERVAL_DAYS} days; the first half hour is estimated\n"
         ));
+        if let Some(emulator) = &emulator {
+            note(format_args!("geu: posts events to {}\n", emulator.which));
+        }
     }
+    let publisher = emulator.map(Publisher::start);
     let monitor = Monitor::new(&configuration, reference, arguments.clock);
-    let mut printer = Printer { monitor, samples: 0, alarms: 0, interruptions: 0, broken: None };
+    let mut printer = Printer { monitor, publisher, samples: 0, alarms: 0, interruptions: 0, broken: None };
     let mut reader = arguments.reading.reader(slice::from_ref(&arguments.link))?;
     let result = reader.read(&arguments.link, &mut printer);
     let (summary, ending) = reader.finish(&mut printer);
     if let Some(failure) = printer.broken.take() {
         return Err(failure);
     }
-    let Printer { samples, alarms, interruptions, .. } = printer;
+    let Printer { publisher, samples, alarms, interruptions, .. } = printer;
+    publisher.into_iter().for_each(Publisher::finish);
     if !arguments.quiet {
         let defects = summary.account.defect_count();
         note(format_args!(
@@ -83,6 +115,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
 /// Prints events as they happen.
 struct Printer {
     monitor: Monitor,
+    publisher: Option<Publisher>,
     samples: u64,
     alarms: u64,
     interruptions: u64,
@@ -95,9 +128,11 @@ impl Sink for Printer {
         for event in self.monitor.push(row) {
             self.alarms += u64::from(event.event == "alarm");
             self.interruptions += u64::from(event.event == "interruption");
-            if let Err(failure) = say!("{}", event.json()) {
+            let event = event.json();
+            if let Err(failure) = say!("{event}") {
                 self.broken.get_or_insert(failure);
             }
+            self.publisher.iter().for_each(|publisher| publisher.post(event.clone()));
         }
     }
 
@@ -108,4 +143,50 @@ impl Sink for Printer {
     fn is_closed(&self) -> bool {
         self.broken.is_some()
     }
+}
+
+/// Posts events to an emulator from a thread of its own: the watch does not wait for it.
+struct Publisher {
+    queue: SyncSender<Value>,
+    ended: Receiver<()>,
+}
+
+impl Publisher {
+    fn start(emulator: ControlClient) -> Publisher {
+        let (queue, events) = sync_channel::<Value>(QUEUE);
+        let (end, ended) = channel();
+        let post = move || {
+            // Dropped after the last post.
+            let _end = end;
+            for event in events {
+                if let Err(error) = emulator.ask(Method::POST, "/api/watch", Some(&event)) {
+                    note_missing(&error.to_string());
+                }
+                sleep(POST_INTERVAL);
+            }
+        };
+        // Without the thread the queue is closed.
+        let _ = thread::Builder::new().name("geu-post".to_owned()).spawn(post);
+        Publisher { queue, ended }
+    }
+
+    fn post(&self, event: Value) {
+        if self.queue.try_send(event).is_err() {
+            note_missing("the emulator is too slow");
+        }
+    }
+
+    /// Waits until the events are posted, for a limited time.
+    fn finish(self) {
+        drop(self.queue);
+        if self.ended.recv_timeout(END_TIMEOUT) == Err(RecvTimeoutError::Timeout) {
+            note_missing("the emulator is too slow");
+        }
+    }
+}
+
+/// Prints, once, that the bench page lacks events.
+fn note_missing(reason: &str) {
+    static NOTED: Once = Once::new();
+    NOTED.call_once(|| note(format_args!("geu: the bench page lacks an event: {reason}\n")));
 }

@@ -283,7 +283,8 @@ mod tests {
             theta_psi_rad: Some((1.5, 0.0)),
         };
         let truth = RecordedAttitude::new(&(0..=72_000).map(row).collect::<Vec<_>>()).expect("a truth");
-        let reference = ReferenceAttitude { start_ns: 0, truth: truth.clone().into(), time_system: None };
+        let reference =
+            ReferenceAttitude { start_ns: 0, truth: truth.clone().into(), sigma_arcsec: Vec::new(), time_system: None };
         let unit = Configuration::reference_with(&overrides).expect("a unit");
         let mut unit = GyroUnit::on(&unit, &Truth::Recorded(truth.into()));
         let mut monitor = Monitor::new(&Configuration::reference(), Some(reference), true);

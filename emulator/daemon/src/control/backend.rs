@@ -9,7 +9,7 @@ use tokio::sync::broadcast;
 /// An event of `/api/events`.
 #[derive(Debug, Clone)]
 pub struct SseEvent {
-    /// `half-second` or `timeline`.
+    /// `half-second`, `timeline` or `watch`.
     pub name: &'static str,
     /// One line of JSON.
     pub data: Arc<str>,
@@ -42,6 +42,10 @@ pub trait ControlBackend: Send + Sync + 'static {
     fn timeline(&self) -> Vec<Arc<str>>;
     /// The samples of the last ten minutes, oldest first.
     fn history(&self) -> Value;
+    /// The last events of `geu watch`, oldest first; bounded.
+    fn watch_events(&self) -> Value;
+    /// Adds and publishes a checked event of `geu watch`; returns it with its number.
+    fn add_watch_event(&self, event: Map<String, Value>) -> Value;
     /// Future events. A client that falls behind the channel is disconnected.
     fn subscribe(&self) -> broadcast::Receiver<SseEvent>;
 }

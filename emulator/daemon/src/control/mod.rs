@@ -4,7 +4,7 @@
 //! number and speed, delay neither the cadence nor a reply on a link.
 //!
 //! Dependencies run one way: `server` (connections) uses `routes` (table and handlers), which uses `guard`, `openapi`, `page`,
-//! `protocol_json`, `request` and `backend`; `answer` and `route` are types of all of these. Nothing else of the daemon.
+//! `protocol_json`, `request`, `watch` and `backend`; `answer` and `route` are types of all of these. Nothing else of the daemon.
 
 mod answer;
 mod backend;
@@ -19,6 +19,7 @@ mod server;
 #[cfg(test)]
 mod tests;
 mod unique;
+mod watch;
 
 pub use backend::{ControlBackend, SseEvent};
 pub use protocol_json::{commands, reply, sample};

@@ -60,6 +60,7 @@ fn description(status: u16) -> &'static str {
         408 => "Body not complete in time",
         413 => "Body too long",
         415 => "Content type of the body is not JSON",
+        429 => "More events than are accepted per second",
         _ => "Too many connections or streams, or the unit does not answer",
     }
 }

@@ -22,15 +22,14 @@ pub(super) fn bad_request(message: String) -> ApiError {
     ApiError(StatusCode::BAD_REQUEST, message)
 }
 
-/// The bytes of a body.
-pub(super) async fn read_body(request: Request) -> Result<Bytes, ApiError> {
-    let too_long =
-        || ApiError(StatusCode::PAYLOAD_TOO_LARGE, format!("body: expected at most {MAX_BODY} bytes, got more"));
+/// The bytes of a body of at most `max` bytes.
+pub(super) async fn read_body(request: Request, max: usize) -> Result<Bytes, ApiError> {
+    let too_long = || ApiError(StatusCode::PAYLOAD_TOO_LARGE, format!("body: expected at most {max} bytes, got more"));
     let body = request.into_body();
-    if body.size_hint().lower() > MAX_BODY as u64 {
+    if body.size_hint().lower() > max as u64 {
         return Err(too_long());
     }
-    let read = tokio::time::timeout(BODY_TIMEOUT, Limited::new(body, MAX_BODY).collect()).await.map_err(|_| {
+    let read = tokio::time::timeout(BODY_TIMEOUT, Limited::new(body, max).collect()).await.map_err(|_| {
         let message = format!("body: expected all of it within {} s, got a part", BODY_TIMEOUT.as_secs());
         ApiError(StatusCode::REQUEST_TIMEOUT, message)
     })?;

@@ -2,7 +2,7 @@
 
 use std::convert::Infallible;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use axum::Router;
 use axum::body::Body;
@@ -20,8 +20,9 @@ use tokio_stream::wrappers::BroadcastStream;
 use super::answer::{ApiError, ApiResult, json};
 use super::backend::ControlBackend;
 use super::guard::Guard;
-use super::request::{bad_request, object, payload, read_body};
+use super::request::{MAX_BODY, bad_request, object, payload, read_body};
 use super::route::ResponseSpec::{Json, Text};
+use super::watch::{self, RateLimit};
 use super::{openapi, page, protocol_json};
 
 /// Maximum number of event streams; the remaining connections are for requests.
@@ -38,6 +39,7 @@ pub(super) struct AppState {
     backend: Arc<dyn ControlBackend>,
     streams: Arc<Semaphore>,
     workers: Arc<Semaphore>,
+    watch: RateLimit,
 }
 
 impl AppState {
@@ -103,7 +105,7 @@ pub(super) fn table() -> Vec<Route> {
         Route::new(
             get.clone(),
             "/api/events",
-            "Server-sent events: half-second (schema HalfSecond) and timeline (schema Happening)",
+            "Server-sent events: half-second (schema HalfSecond), timeline (schema Happening), watch (schema WatchEvent)",
             Text("text/event-stream"),
             events,
         ),
@@ -117,6 +119,20 @@ pub(super) fn table() -> Vec<Route> {
         read("/api/history", "The last ten minutes (1200 samples), oldest first, at any speed", "History", |backend| {
             backend.history()
         }),
+        read("/api/watch", "The last 100 events of geu watch, oldest first", "WatchEvents", |backend| {
+            backend.watch_events()
+        }),
+        Route {
+            errors: &[400, 408, 413, 415, 429],
+            ..Route::new(
+                Method::POST,
+                "/api/watch",
+                "Adds an event of geu watch",
+                Json(201, "WatchEvent"),
+                add_watch_event,
+            )
+            .with_body("PostedWatchEvent")
+        },
         read("/api/openapi.json", "This document", "Document", |_| openapi::document(&table())),
     ];
     table.extend(page::FILES.iter().map(|file| {
@@ -145,7 +161,7 @@ pub(super) fn router(backend: Arc<dyn ControlBackend>, guard: Guard) -> Router {
         .fallback(no_such_path)
         .method_not_allowed_fallback(no_such_method)
         .layer(middleware::from_fn(move |request, next| guarded(guard.clone(), request, next)))
-        .with_state(Arc::new(AppState { backend, streams, workers }))
+        .with_state(Arc::new(AppState { backend, streams, workers, watch: RateLimit::new() }))
 }
 
 /// Checks a request before its handler, and adds the security headers to the response.
@@ -183,7 +199,7 @@ async fn faults(State(state): Shared) -> ApiResult {
 }
 
 async fn inject(State(state): Shared, request: Request) -> ApiResult {
-    let body = read_body(request).await?;
+    let body = read_body(request, MAX_BODY).await?;
     state.respond(StatusCode::CREATED, move |backend| backend.inject(&object(&body)?).map_err(bad_request)).await
 }
 
@@ -198,12 +214,22 @@ async fn clear_all(State(state): Shared) -> ApiResult {
 }
 
 async fn command(State(state): Shared, request: Request) -> ApiResult {
-    let body = read_body(request).await?;
+    let body = read_body(request, MAX_BODY).await?;
     let payload = state.work(move |_| payload(&object(&body)?).map_err(bad_request)).await?;
     let reply = tokio::time::timeout(REPLY_TIMEOUT, state.backend.command(payload)).await.map_err(|_| {
         unavailable(format!("the unit has not answered within {} s; is it running?", REPLY_TIMEOUT.as_secs()))
     })?;
     Ok(json(StatusCode::OK, &reply))
+}
+
+async fn add_watch_event(State(state): Shared, request: Request) -> ApiResult {
+    let event = object(&read_body(request, watch::MAX_BODY).await?)?;
+    watch::check(&event).map_err(bad_request)?;
+    if !state.watch.accepts(Instant::now()) {
+        let message = format!("expected at most {} events per second, got more; try again later", watch::RATE_HZ);
+        return Err(ApiError(StatusCode::TOO_MANY_REQUESTS, message));
+    }
+    Ok(json(StatusCode::CREATED, &state.backend.add_watch_event(event)))
 }
 
 async fn events(State(state): Shared) -> ApiResult {

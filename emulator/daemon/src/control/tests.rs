@@ -17,6 +17,7 @@ use super::*;
 
 struct FakeBackend {
     faults: Mutex<Vec<String>>,
+    watch: Mutex<Vec<Value>>,
     events: broadcast::Sender<SseEvent>,
 }
 
@@ -66,6 +67,15 @@ impl ControlBackend for FakeBackend {
         json!([])
     }
 
+    fn watch_events(&self) -> Value {
+        json!(*self.watch.lock().unwrap())
+    }
+
+    fn add_watch_event(&self, event: Map<String, Value>) -> Value {
+        self.watch.lock().unwrap().push(event.clone().into());
+        event.into()
+    }
+
     fn subscribe(&self) -> broadcast::Receiver<SseEvent> {
         self.events.subscribe()
     }
@@ -80,7 +90,8 @@ struct Served {
 
 fn served(token: Option<&str>) -> Served {
     let listener = ControlListener::open("127.0.0.1:0", false, token.map(str::to_owned)).unwrap();
-    let backend = Arc::new(FakeBackend { faults: Mutex::default(), events: broadcast::channel(64).0 });
+    let backend =
+        Arc::new(FakeBackend { faults: Mutex::default(), watch: Mutex::default(), events: broadcast::channel(64).0 });
     let address = listener.address();
     Served { _server: listener.serve(backend.clone()).unwrap(), backend, address }
 }
@@ -286,6 +297,59 @@ fn commands_are_sent_by_name_or_as_bytes() {
         assert_eq!(served.post("/api/commands", wrong).error_status(), 400, "{wrong}");
     }
     assert_eq!(served.post("/api/commands", r#"{"name": "RESET_SEQUENCE"}"#).error_status(), 503, "no answer");
+}
+
+#[test]
+fn watch_events_are_checked_and_limited() {
+    let served = served(None);
+    let valid = json!({
+        "t_s": 3012.5, "event": "alarm", "code": "unknown", "gyros": ["GYRX"], "statistic": 40.2, "threshold": 31.0
+    });
+    let posted = served.post("/api/watch", &valid.to_string());
+    assert_eq!((posted.status, posted.json()), (201, valid.clone()));
+    for (key, wrong, expected) in [
+        ("t_s", json!("1"), "t_s: expected a time from 0 to 1e12 s, got \"1\""),
+        ("t_s", json!(-1), "t_s: "),
+        ("t_s", json!(1e300), "t_s: "),
+        ("t_s", Value::Null, "t_s: "),
+        ("event", json!("<b>"), "event: expected alarm, named, interruption or reference-end, got \"<b>\""),
+        ("code", json!(""), "code: "),
+        ("code", json!("<script>"), "code: expected 1 to 64 characters a-z, 0-9 and -, got"),
+        ("code", json!("x".repeat(65)), "code: "),
+        ("code", json!(["drift"]), "code: "),
+        ("gyros", json!("GYRX"), "gyros: expected a list of GYRX, GYRY, GYRZA and GYRZB, each at most once, got"),
+        ("gyros", json!(["GYRX", "GYRX"]), "gyros: "),
+        ("gyros", json!(["GYRQ"]), "gyros: "),
+        ("statistic", Value::Null, "statistic: expected a number, got null"),
+        ("threshold", json!({}), "threshold: "),
+        ("number", json!(1), "expected the keys t_s, event, code, gyros, statistic, threshold, got \"number\""),
+    ] {
+        let mut event = valid.clone();
+        event[key] = wrong;
+        let rejected = served.post("/api/watch", &event.to_string());
+        assert_eq!(rejected.error_status(), 400, "{event}");
+        assert!(rejected.json()["error"].as_str().unwrap().contains(expected), "{rejected:?}");
+    }
+    for body in ["", "[]", "{", "{}", r#"{"t_s": 1e999}"#, r#"{"t_s": 1, "t_s": 2}"#, &"[".repeat(1000)] {
+        assert_eq!(served.post("/api/watch", body).error_status(), 400, "{body}");
+    }
+    assert_eq!(served.post("/api/watch", &format!("{valid}{}", " ".repeat(watch::MAX_BODY))).error_status(), 413);
+    assert_eq!(served.ask("POST", "/api/watch", &[], &valid.to_string()).error_status(), 415);
+    assert_eq!(served.get("/api/watch").json(), json!([valid]), "nothing rejected is kept");
+
+    let (limit, start) = (watch::RateLimit::new(), Instant::now());
+    let accepted =
+        |at_s: f64, count: usize| (0..count).filter(|_| limit.accepts(start + Duration::from_secs_f64(at_s))).count();
+    assert_eq!([accepted(0.001, 1000), accepted(1.001, 1000), accepted(3600.0, 1000)], [100, 20, 100]);
+    // At once over one connection: the excess would take ten seconds at the permitted rate.
+    let (valid, mut stream) = (valid.to_string(), served.connect());
+    let head = "POST /api/watch HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\ncontent-length: ";
+    let requests = format!("{head}{}\r\n\r\n{valid}", valid.len()).repeat(300);
+    stream
+        .write_all(format!("{requests}GET / HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n").as_bytes())
+        .unwrap();
+    let answers = rest(&mut stream).body;
+    assert!(answers.contains("429 Too Many Requests") && answers.contains("at most 20 events per second, got more"));
 }
 
 #[test]

@@ -41,12 +41,16 @@ const QUEUE: usize = 4096;
 const MAX_LAG: usize = 256;
 /// Number of timeline lines kept.
 const TIMELINE: usize = 20_000;
+/// Number of events of `geu watch` kept.
+const WATCH_EVENTS: usize = 100;
 
 /// A running unit, as the control interface sees it.
 pub(crate) struct ControlService {
     events: broadcast::Sender<SseEvent>,
     timeline: Mutex<Timeline>,
     history: History,
+    /// The last events of `geu watch`.
+    watch: Mutex<VecDeque<Value>>,
     /// The last published sample.
     last: Mutex<Value>,
     /// Events lost because the queue was full.
@@ -83,6 +87,7 @@ impl ControlService {
             events: broadcast::Sender::new(MAX_LAG),
             timeline: Mutex::default(),
             history: History::default(),
+            watch: Mutex::default(),
             last: Mutex::default(),
             lost: AtomicU64::new(0),
             source: OnceLock::new(),
@@ -240,6 +245,24 @@ impl ControlBackend for ControlService {
 
     fn history(&self) -> Value {
         self.history.json()
+    }
+
+    fn watch_events(&self) -> Value {
+        json!(*lock(&self.watch))
+    }
+
+    fn add_watch_event(&self, mut event: Map<String, Value>) -> Value {
+        let mut kept = lock(&self.watch);
+        let number = kept.back().and_then(|last| last["number"].as_u64()).unwrap_or_default() + 1;
+        event.insert("number".to_owned(), json!(number));
+        let event = Value::Object(event);
+        if kept.len() == WATCH_EVENTS {
+            kept.pop_front();
+        }
+        kept.push_back(event.clone());
+        // Under the lock, so that clients receive the numbers in order; does not wait, and fails if there are no clients.
+        let _ = self.events.send(SseEvent { name: "watch", data: event.to_string().into() });
+        event
     }
 
     fn subscribe(&self) -> broadcast::Receiver<SseEvent> {

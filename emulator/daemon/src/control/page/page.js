@@ -2,7 +2,7 @@
 
 import { charts } from "./charts.js";
 import { ask, at, breakable, clock, element, fixed, path, readings } from "./dom.js";
-import { commander, faultList, injector } from "./panels.js";
+import { commander, faultList, injector, watchList } from "./panels.js";
 import { wire } from "./wire.js";
 
 /** Time without a sample after which the unit is reported as silent. */
@@ -147,6 +147,7 @@ function start([catalogue, layout, status]) {
   async function refresh() {
     showFaults(await ask("GET", "/api/faults").catch(() => []));
   }
+  const watch = watchList();
   injector(catalogue, [...new Set((status.links ?? []).map(({ kind }) => kind))], refresh);
   commander(catalogue.commands);
   if (status.links) links(status);
@@ -181,6 +182,9 @@ function start([catalogue, layout, status]) {
       trouble("");
       refresh();
       fill();
+      // Another run counts its events from 1.
+      watch.clear();
+      ask("GET", "/api/watch").then(watch.take, () => {});
       take((await ask("GET", "/api/timeline").catch(() => "")).split("\n"));
     });
     source.addEventListener("error", () => {
@@ -202,6 +206,7 @@ function start([catalogue, layout, status]) {
       showFaults(half.faults);
     });
     source.addEventListener("timeline", (event) => take([event.data]));
+    source.addEventListener("watch", (event) => watch.take([JSON.parse(event.data)]));
   }
   follow();
   setInterval(() => {

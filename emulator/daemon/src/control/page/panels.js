@@ -1,6 +1,6 @@
 // Faults and commands: what the catalogue offers as forms, what is active as a list.
 
-import { ask, at, breakable, clock, element } from "./dom.js";
+import { ask, at, breakable, clock, element, fixed } from "./dom.js";
 
 /** A request whose error is shown in `place`; undefined if it was rejected. */
 async function tried(place, question) {
@@ -237,6 +237,42 @@ export function faultList(catalogue, changed) {
     );
     if (!now.length)
       at("faults").append(element("li", { className: "none" }, "None: the unit does what its configuration says."));
+  };
+}
+
+/** Number of events of a watch shown. */
+const WATCH_EVENTS = 100;
+/** Times of a link from this one on are Unix time. */
+const UNIX_S = 1e8;
+
+/** The panel with the events of `geu watch`, the latest first. */
+export function watchList() {
+  const known = new Map();
+  const time = (t) => (t < UNIX_S ? clock(t) : new Date(t * 1000).toISOString().slice(0, 19).replace("T", " "));
+  const row = (event) =>
+    element(
+      "tr",
+      { className: event.event },
+      ...[
+        element("time", { title: `${event.t_s} s` }, time(event.t_s)),
+        event.event,
+        event.code,
+        event.gyros.join(" "),
+        fixed(event.statistic, 1),
+        fixed(event.threshold, 1),
+      ].map((cell) => element("td", {}, cell)),
+    );
+  return {
+    clear: () => known.clear(),
+    take(events) {
+      events.forEach((event) => known.set(event.number, event));
+      const latest = [...known.values()].sort((a, b) => b.number - a.number).slice(0, WATCH_EVENTS);
+      known.forEach((event) => event.number < latest.at(-1).number && known.delete(event.number));
+      const none = "None: `geu watch` on a link of this unit reports changes of its gyros here.";
+      at("watch-rows").replaceChildren(
+        ...(latest.length ? latest.map(row) : [element("tr", {}, element("td", { colSpan: 6, className: "none" }, none))]),
+      );
+    },
   };
 }
 
