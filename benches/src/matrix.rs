@@ -1,12 +1,15 @@
 //! `geu-bench matrix`: the diagnosis of recordings of the independent model, over motions and references, by number of injected effects.
 //!
 //! Effects have twelve times their sigma on the motion and against the reference of their recording. Each recording has a motion,
-//! temperatures, calibration errors and noise of its own, and thresholds of its own.
+//! temperatures, calibration errors and noise of its own, and thresholds of its own. With `--out` each result is written when it is
+//! there; a run with a file that has results continues it.
 
 use std::collections::BTreeMap;
-use std::fs;
-use std::path::PathBuf;
+use std::fs::{self, OpenOptions};
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use clap::{Args, value_parser};
@@ -15,6 +18,7 @@ use geu_diagnosis::{DiagnosisOptions, Verdict, diagnose_rows};
 use geu_model::Configuration;
 use geu_plant::{GYROS, Gyro, IndependentModel, MotionKind, PlantedEffect, Recording, ReferenceKind};
 use geu_recording::{DecoderOptions, Defect, InputReader, ReceivedSample, ReferenceAttitude, Sink, Stop};
+use serde::{Deserialize, Serialize};
 
 use crate::Result;
 
@@ -59,6 +63,9 @@ pub struct Arguments {
     /// Print every recording that is not right
     #[arg(long)]
     misses: bool,
+    /// Append each result to this file, as JSON lines; results of the same seed in it are taken from there
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
     /// Write these recordings to this directory: SEED.log, and SEED.csv, the reference
     #[arg(long, value_name = "DIRECTORY")]
     keep: Option<PathBuf>,
@@ -89,41 +96,59 @@ struct Trial {
     seed: u64,
 }
 
+/// Result of one recording, a line of `--out`.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+struct TrialResult {
+    seed: u64,
+    name: String,
+    is_right: bool,
+    diagnosis_s: f64,
+    facts: Vec<(String, String)>,
+}
+
 /// Runs the campaign and prints its table.
 ///
 /// # Errors
-/// A recording cannot be written or diagnosed.
+/// A recording cannot be written or diagnosed; `--out` cannot be read or written.
 pub fn run(arguments: &Arguments) -> Result {
     let trials: Vec<Trial> = trials(arguments);
+    let known = arguments.out.as_deref().map_or(Ok(BTreeMap::new()), read_results)?;
+    let append = |path: &PathBuf| OpenOptions::new().create(true).append(true).open(path);
+    let out = Mutex::new(arguments.out.as_ref().map(append).transpose()?);
     let (start, done) = (Instant::now(), AtomicUsize::new(0));
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let runs = on_threads(threads, trials.len(), &|index| {
-        let run = trials[index].run().map_err(|error| error.to_string());
+    let results = on_threads(threads, trials.len(), &|index| {
+        let trial = &trials[index];
+        let result = known.get(&trial.seed).map_or_else(|| trial.result(arguments, &out), |result| Ok(result.clone()));
         let done = 1 + done.fetch_add(1, Ordering::Relaxed);
         eprint!("\r{done} of {}, {:.0} s", trials.len(), start.elapsed().as_secs_f64());
-        run
+        result.map_err(|error| format!("{}: {error}", trial.name()))
     });
     eprintln!();
     let mut cells: BTreeMap<(usize, usize, Content), [usize; 2]> = BTreeMap::new();
-    for (trial, run) in trials.iter().zip(runs) {
-        let name = trial.name();
-        let run = run.map_err(|error| format!("{name}: {error}"))?;
-        let is_right = is_right(&run, trial.content);
+    for (trial, result) in trials.iter().zip(results) {
+        let result = result?;
         let counts = cells.entry((trial.motion, trial.reference, trial.content)).or_default();
-        counts[0] += usize::from(is_right);
+        counts[0] += usize::from(result.is_right);
         counts[1] += 1;
-        if arguments.misses && !is_right {
-            println!("{name}, {:.1} s", run.seconds);
-            run.facts().iter().for_each(|(label, value)| println!("    {label:20} {value}"));
-        }
-        if let Some(directory) = arguments.keep.as_ref().filter(|_| !is_right) {
-            let recording = trial.recording(&run.injected.iter().map(planted).collect::<Vec<_>>());
-            fs::write(directory.join(format!("{}.log", trial.seed)), recording.link)?;
-            fs::write(directory.join(format!("{}.csv", trial.seed)), recording.reference)?;
+        if arguments.misses && !result.is_right {
+            println!("{}, {:.1} s", result.name, result.diagnosis_s);
+            result.facts.iter().for_each(|(label, value)| println!("    {label:20} {value}"));
         }
     }
     print(&cells);
     Ok(())
+}
+
+/// Results of an earlier run, by seed; none if there is no file.
+fn read_results(path: &Path) -> Result<BTreeMap<u64, TrialResult>> {
+    let text = match fs::read_to_string(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => String::new(),
+        text => text?,
+    };
+    let result = |line: &str| serde_json::from_str(line).map(|result: TrialResult| (result.seed, result));
+    let results: Result<_, _> = text.lines().map(result).collect();
+    Ok(results.map_err(|error| format!("{}: {error}", path.display()))?)
 }
 
 fn trials(arguments: &Arguments) -> Vec<Trial> {
@@ -159,6 +184,22 @@ impl Trial {
     fn name(&self) -> String {
         let Trial { motion, reference, content, seed } = self;
         format!("{}, {}, {}, seed {seed}", MOTIONS[*motion].0, REFERENCES[*reference].0, content.name())
+    }
+
+    fn result(&self, arguments: &Arguments, out: &Mutex<Option<fs::File>>) -> Result<TrialResult> {
+        let run = self.run()?;
+        let is_right = is_right(&run, self.content);
+        if let Some(directory) = arguments.keep.as_ref().filter(|_| !is_right) {
+            let recording = self.recording(&run.injected.iter().map(planted).collect::<Vec<_>>());
+            fs::write(directory.join(format!("{}.log", self.seed)), recording.link)?;
+            fs::write(directory.join(format!("{}.csv", self.seed)), recording.reference)?;
+        }
+        let (name, facts) = (self.name(), run.facts());
+        let result = TrialResult { seed: self.seed, name, is_right, diagnosis_s: run.seconds, facts };
+        if let Some(file) = out.lock().unwrap_or_else(PoisonError::into_inner).as_mut() {
+            writeln!(file, "{}", serde_json::to_string(&result)?)?;
+        }
+        Ok(result)
     }
 
     fn run(&self) -> Result<TrialRun> {
