@@ -14,6 +14,11 @@ use geu_tests::give_way;
 
 const STAR_TRACKER: ReferenceKind = ReferenceKind::Quaternions { steps: 40, sigma_arcsec: 4.0 };
 
+/// Quaternions of which a third, in runs of `rows`, has 40″ of noise and the others 4″, with a column of `stated` times these.
+fn uneven(rows: usize, stated: f64) -> ReferenceKind {
+    ReferenceKind::UnevenQuaternions { steps: 40, sigma_arcsec: 4.0, rows, stated }
+}
+
 /// The diagnosis of a recording, and its reference with `change` made to each row: `None` leaves it out.
 fn diagnosed(model: &IndependentModel, change: impl Fn(usize, &str) -> Option<String>) -> Diagnosis {
     give_way();
@@ -40,6 +45,7 @@ fn diagnosed(model: &IndependentModel, change: impl Fn(usize, &str) -> Option<St
     let diagnosis = diagnose_rows(&rows, &[], &Configuration::reference(), &reference, &options).expect("a recording");
     println!("== seed {}: {:?}: {}", model.seed, model.effects, diagnosis.verdict.name());
     missing(&diagnosis).for_each(|entry| println!("   {}", report::heading(entry)));
+    diagnosis.findings.iter().for_each(|finding| println!("   {}: {}", finding.kind, finding.text));
     diagnosis
 }
 
@@ -100,6 +106,48 @@ fn a_pivot_is_named_against_a_star_tracker() {
         let injected = PlantedEffect::new("pivot-clearance", &[gyro], &[("clearance_arcsec", 9.3)]);
         let model = IndependentModel { reference: STAR_TRACKER, ..IndependentModel::new(seed, vec![injected.clone()]) };
         assert_named(&diagnosed(&model, as_recorded), &injected);
+    }
+}
+
+fn has_finding(diagnosis: &Diagnosis, kind: &str) -> bool {
+    diagnosis.findings.iter().any(|finding| finding.kind == kind)
+}
+
+#[test]
+#[ignore = "minutes; .ci/run has it"]
+fn noisy_rows_that_state_their_sigma_yield_no_name() {
+    for (seed, motion, rows) in [(381, MotionKind::Survey, 1), (382, MotionKind::QuietSurvey, 600)] {
+        let model =
+            IndependentModel { reference: uneven(rows, 1.0), motion, ..IndependentModel::new(seed, Vec::new()) };
+        let diagnosis = diagnosed(&model, as_recorded);
+        assert_consistent(&diagnosis);
+        assert!(!has_finding(&diagnosis, "reference-sigma") && !has_finding(&diagnosis, "reference-glitch"));
+    }
+}
+
+#[test]
+#[ignore = "minutes; .ci/run has it"]
+fn a_pivot_is_named_beside_noisy_rows_that_state_their_sigma() {
+    for (seed, gyro, rows) in [(384, Gyro::Y, 1), (385, Gyro::X, 600)] {
+        let injected = PlantedEffect::new("pivot-clearance", &[gyro], &[("clearance_arcsec", 9.3)]);
+        let reference = uneven(rows, 1.0);
+        let diagnosis = diagnosed(
+            &IndependentModel { reference, ..IndependentModel::new(seed, vec![injected.clone()]) },
+            as_recorded,
+        );
+        assert_named(&diagnosis, &injected);
+        assert!(!has_finding(&diagnosis, "reference-sigma"));
+    }
+}
+
+#[test]
+#[ignore = "minutes; .ci/run has it"]
+fn sigmas_that_are_stated_five_times_too_small_are_found_and_yield_no_name() {
+    for (seed, rows) in [(387, 1), (388, 600)] {
+        let model = IndependentModel { reference: uneven(rows, 0.2), ..IndependentModel::new(seed, Vec::new()) };
+        let diagnosis = diagnosed(&model, as_recorded);
+        assert_consistent(&diagnosis);
+        assert!(has_finding(&diagnosis, "reference-sigma"));
     }
 }
 

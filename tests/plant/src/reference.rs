@@ -21,14 +21,32 @@ pub enum ReferenceKind {
         /// White noise about each axis.
         sigma_arcsec: f64,
     },
+    /// Quaternions with a column that states the noise of each; a third of them has ten times the noise.
+    UnevenQuaternions {
+        /// Steps of 25 ms between them.
+        steps: usize,
+        /// White noise about each axis of the other two thirds.
+        sigma_arcsec: f64,
+        /// Rows of more noise beside each other.
+        rows: usize,
+        /// Stated over true noise.
+        stated: f64,
+    },
 }
+
+/// Noise of the noisy third over that of the other rows.
+const UNEVEN: f64 = 10.0;
 
 /// A reference that starts at `start_unix_s` and covers the motion up to `end_s`.
 pub fn reference(kind: ReferenceKind, motion: &Motion, noise: Noise, start_unix_s: u64, end_s: f64) -> String {
     match kind {
         ReferenceKind::Rates => rates(motion, start_unix_s, end_s),
         ReferenceKind::Quaternions { steps, sigma_arcsec } => {
-            quaternions(motion, noise, start_unix_s, end_s, steps, sigma_arcsec)
+            quaternions(motion, noise, start_unix_s, end_s, steps, |_| sigma_arcsec, None)
+        }
+        ReferenceKind::UnevenQuaternions { steps, sigma_arcsec, rows, stated } => {
+            let sigma = |row: usize| if row / rows % 3 == 1 { UNEVEN * sigma_arcsec } else { sigma_arcsec };
+            quaternions(motion, noise, start_unix_s, end_s, steps, sigma, Some(stated))
         }
     }
 }
@@ -55,23 +73,30 @@ fn rates(motion: &Motion, start_unix_s: u64, end_s: f64) -> String {
     text
 }
 
-/// Integrates the attitude, and writes it each `steps` with a small turn about the control axes.
+/// Integrates the attitude, and writes it each `steps` with a small turn about the control axes, of a sigma by its row; `stated` over true
+/// sigma, if there is a column of it.
 fn quaternions(
     motion: &Motion,
     mut noise: Noise,
     start_unix_s: u64,
     end_s: f64,
     steps: usize,
-    sigma_arcsec: f64,
+    sigma_arcsec: impl Fn(usize) -> f64,
+    stated: Option<f64>,
 ) -> String {
-    let mut text = "t_s,q_w,q_x,q_y,q_z\n".to_owned();
+    let mut text = format!("t_s,q_w,q_x,q_y,q_z{}\n", if stated.is_some() { ",sigma_arcsec" } else { "" });
     let mut attitude = [1.0, 0.0, 0.0, 0.0];
     for step in 0..=(end_s / STEP_S).ceil() as usize {
         if step % steps == 0 {
+            let sigma_arcsec = sigma_arcsec(step / steps);
             let error = [0; 3].map(|_| sigma_arcsec * noise.normal() * RAD_PER_ARCSEC);
             let [w, x, y, z] = product(attitude, rotation(error));
             let t_s = start_unix_s as f64 + step as f64 * STEP_S;
-            let _ = writeln!(text, "{t_s:.4},{w:.10},{x:.10},{y:.10},{z:.10}");
+            let _ = write!(text, "{t_s:.4},{w:.10},{x:.10},{y:.10},{z:.10}");
+            if let Some(stated) = stated {
+                let _ = write!(text, ",{:.3}", stated * sigma_arcsec);
+            }
+            text.push('\n');
         }
         let rates = motion.at((step as f64 + 0.5) * STEP_S).rates;
         attitude = product(attitude, rotation(rates.map(|rate| rate * STEP_S * RAD_PER_ARCSEC)));

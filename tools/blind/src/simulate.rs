@@ -52,7 +52,11 @@ pub fn simulate(configuration: &Configuration, duration_s: f64) -> SimulatedReco
         motion.push(AttitudeRow { t_s, angle_control_arcsec: [0.0; 3], ..motion[0] });
     }
     let truth = Arc::new(RecordedAttitude::new(&motion).expect("rows every 0.5 s"));
-    SimulatedRecording { rows, reference: ReferenceAttitude { start_ns, truth, time_system: None }, motion }
+    SimulatedRecording {
+        rows,
+        reference: ReferenceAttitude { start_ns, truth, sigma_arcsec: Vec::new(), time_system: None },
+        motion,
+    }
 }
 
 impl SimulatedRecording {

@@ -13,8 +13,9 @@ use geu_recording::{ReceivedSample, ReferenceAttitude, Sink};
 use crate::injected::{InjectedEffect, Origin};
 use crate::simulate::{SimulatedRecording, simulate};
 use geu_diagnosis::alternatives::{Alternative, similar_hypotheses};
+use geu_diagnosis::diagnosis_case::DiagnosisCase;
+use geu_diagnosis::fitted_hypothesis::FittedHypothesis;
 use geu_diagnosis::measured::{CHANNELS, MeasuredData, MeasuredError, Series, Shifts};
-use geu_diagnosis::model_state::{DiagnosisCase, FittedHypothesis};
 use geu_diagnosis::noise;
 use geu_diagnosis::normal_equations::{NormalEquations, Nuisance};
 use geu_diagnosis::null_distribution::Thresholds;
@@ -186,9 +187,11 @@ impl TrialMotion {
         let case = DiagnosisCase {
             measured: &self.measured,
             nominal: &self.nominal,
+            origin: vec![0.0; nuisances.len()],
             nuisances,
             rounding,
             linear: Default::default(),
+            fits: Default::default(),
         };
         let mut state = case.start(self.noise);
         state.held.push(FittedHypothesis::new(hypothesis.clone()));

@@ -137,8 +137,12 @@ pub fn simulate(configuration: &Configuration) -> CheckoutRun {
     }
     sensors.fixes = fixes.into_values().collect();
     let truth = RecordedAttitude::new(&rows).expect("rows of one sample each");
-    let reference =
-        ReferenceAttitude { start_ns: configuration.start_unix_ns, truth: Arc::new(truth), time_system: None };
+    let reference = ReferenceAttitude {
+        start_ns: configuration.start_unix_ns,
+        truth: Arc::new(truth),
+        sigma_arcsec: Vec::new(),
+        time_system: None,
+    };
     CheckoutRun { counts, windows, reference, sensors }
 }
 

@@ -5,8 +5,10 @@
 
 use rayon::prelude::*;
 
+use crate::diagnosis_case::DiagnosisCase;
+use crate::fitted_hypothesis::FittedHypothesis;
 use crate::measured::{Series, TIMING};
-use crate::model_state::{DiagnosisCase, FittedHypothesis, ModelState};
+use crate::model_state::ModelState;
 use crate::normal_equations::NormalEquations;
 use crate::signature::Signature;
 use crate::signature_bank::{ConstantSignature, HypothesisFamily, SignatureBank};
@@ -15,7 +17,8 @@ use crate::temperature_lag::{LAG_CHI2, LaggedFit, likeliest};
 use geu_hypothesis::Hypothesis;
 use geu_hypothesis::gyros::{ALL_GYROS, Gyros, is_within, only};
 
-/// Minimum share of the χ² reduction of the hypothesis: the square of a cosine of 0.3.
+/// Minimum share of the χ² reduction of the hypothesis, and minimum square of the cosine of both: what is not similar explains something
+/// else, which no hypothesis of the model explains yet.
 const MIN_SHARE: f64 = 0.09;
 /// Alternatives with optimised shape parameters.
 const OPTIMISED: usize = 24;
@@ -196,7 +199,14 @@ fn in_place_of(
             true => 0.0,
             false => f64::INFINITY,
         };
-        hypothesis.is_within_limits().then_some(Alternative { hypothesis, family, cosine, reach_chi2, delta_chi2 })
+        let is_similar = cosine * cosine >= MIN_SHARE;
+        (is_similar && hypothesis.is_within_limits()).then_some(Alternative {
+            hypothesis,
+            family,
+            cosine,
+            reach_chi2,
+            delta_chi2,
+        })
     };
     best_of_each(spots.par_iter().enumerate().filter_map(alternative).collect())
 }

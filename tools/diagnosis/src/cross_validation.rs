@@ -3,9 +3,9 @@
 use geu_model::package::Calibration;
 use geu_protocol::Gyro;
 
-use crate::entries::LAG_S;
+use crate::diagnosis_case::DiagnosisCase;
 use crate::measured::{BLOCK, CHANNELS, Series, TIMING};
-use crate::model_state::{DiagnosisCase, ModelState};
+use crate::model_state::{LAG_S, ModelState};
 use crate::normal_equations::{NormalEquations, THIRDS};
 use crate::residual_stats::{self, ResidualStats, WINDOW};
 use geu_hypothesis::amplitude::calibration_parameters;

@@ -8,10 +8,11 @@ use geu_model::Configuration;
 use geu_recording::{Defect, ReceivedSample, ReferenceAttitude, Sink};
 
 use crate::cross_validation::{fitted, held_out};
+use crate::diagnosis_case::DiagnosisCase;
 use crate::entries::Entries;
-use crate::measured::{MeasuredData, MeasuredError, Series, Shifts, SmoothedReference, TIMING};
+use crate::measured::{MeasuredData, MeasuredError, ReferenceSigma, Series, Shifts, SmoothedReference, TIMING};
 use crate::model_selection::SelectedModel;
-use crate::model_state::{DiagnosisCase, ModelState};
+use crate::model_state::ModelState;
 use crate::motion_segments;
 use crate::noise;
 use crate::null_distribution::kurtosis_limits;
@@ -54,6 +55,7 @@ pub fn diagnose_rows(
     let mut findings = checked.findings;
     findings.extend(solution.is_closed_loop().then(|| closed_loop(solution.correlation)));
     findings.extend(measured.smoothed.as_deref().and_then(glitches));
+    findings.extend(measured.reference_sigma.as_ref().and_then(ReferenceSigma::finding));
     let angles = solution.needs_angles().then(|| solution.dequantised());
     let second = angles.as_ref().map(|angles| Solution::new(angles, nominal, options, false));
     let raw = raw.or_else(|| angles.is_some().then(|| measured.clone()));

@@ -14,10 +14,11 @@ use geu_model::units::{ORBIT_S, SAMPLE_INTERVAL_S};
 use rayon::prelude::*;
 
 use crate::alternatives::{AMBIGUITY_CHI2, Alternative};
+use crate::diagnosis_case::DiagnosisCase;
 use crate::fitted_hypothesis::FittedHypothesis;
 use crate::linear_signatures::LinearSignatures;
 use crate::measured::{BLOCK, MeasuredData};
-use crate::model_state::{DiagnosisCase, ModelState};
+use crate::model_state::ModelState;
 use crate::next_manoeuvre::{DiscriminatingTest, NO_TEST, NextManoeuvre, SURE_SIGMA};
 use crate::normal_equations::Nuisance;
 use crate::rounding::Rounding;
@@ -88,7 +89,16 @@ impl Candidate {
 
     fn case<'c>(&'c self, nominal: &'c Configuration) -> DiagnosisCase<'c> {
         let (nuisances, rounding, linear) = (self.nuisances.clone(), self.rounding.clone(), self.linear.clone());
-        DiagnosisCase { measured: &self.measured, nominal, nuisances, rounding, linear }
+        let origin = vec![0.0; nuisances.len()];
+        DiagnosisCase {
+            measured: &self.measured,
+            nominal,
+            nuisances,
+            origin,
+            rounding,
+            linear,
+            fits: Default::default(),
+        }
     }
 }
 

@@ -7,12 +7,14 @@ use geu_model::parameter_spec::ParameterSet;
 use geu_protocol::Gyro;
 
 use crate::alternatives::{AMBIGUITY_CHI2, Alternative, Penalties, alternatives};
+use crate::diagnosis_case::DiagnosisCase;
 use crate::discriminating_test::DiscriminatingTests;
+use crate::fitted_hypothesis::FittedHypothesis;
 use crate::fitted_hypothesis::SAME_SIGMAS;
 use crate::linear_algebra::increment_products;
 use crate::measured::{CHANNELS, TIMING};
 use crate::model_selection::SelectedModel;
-use crate::model_state::{DiagnosisCase, FittedHypothesis};
+use crate::model_state::LAG_S;
 use crate::next_manoeuvre::DiscriminatingTest;
 use crate::noise::Walk;
 use crate::null_distribution::Thresholds;
@@ -26,8 +28,6 @@ use geu_hypothesis::gyros::{ALL_GYROS, is_within, only};
 
 /// Sigmas from which a calibration parameter is reported: one false alarm in 1000 recordings of 16 parameters.
 const RECALIBRATED_SIGMAS: f64 = 4.0;
-/// A larger constant lag is not that of the link (protocol/ICD.md).
-pub const LAG_S: f64 = 0.010;
 /// Lag of the link, up to 5 ms (protocol/ICD.md): mean and 1 sigma.
 const LINK_LAG_S: (f64, f64) = (0.0025, 0.0025 / 1.732_050_807_568_877_2);
 /// Minimum cosine between a calibration parameter and the effect that it is.
@@ -177,10 +177,7 @@ impl Entries<'_> {
         let state = &mut selected.state;
         let (lag_s, sigma) = (state.shifts.lag_s, state.lag_sigma_s);
         if lag_s.abs() <= LAG_S + SAME_SIGMAS * sigma {
-            // At rest the lag is not determined: it would only shift the limit cycle.
-            if sigma > LAG_S {
-                state.shifts.lag_s = 0.0;
-            }
+            state.reset_undetermined_lag();
             return None;
         }
         let (amplitude, ratio) = self.constant_effect(self.case.nuisances.last()?, true)?;

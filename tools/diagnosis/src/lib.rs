@@ -3,19 +3,21 @@
 //! A module uses only those named before it:
 //! - the data: `time_origin`, `measured`, `residual_stats`, `motion_segments`;
 //! - signatures: `courses`, `signature_bank`, `shape_search`;
-//! - statistics: `linear_algebra`, `rounding`, `whitening`, `normal_equations`, `course_products`, `sweep`, `signature`, `linear_signatures`, `spots`, `fitted_hypothesis`, `model_state` (a fit), `noise`, `whiteness`, `search`, `null_distribution`, `temperature_lag`;
+//! - statistics: `linear_algebra`, `rounding`, `whitening`, `normal_equations`, `course_products`, `sweep`, `signature`, `linear_signatures`, `spots`, `recent`, `calibration_signatures`, `fitted_hypothesis`, `model_state`, `diagnosis_case` (a fit), `noise`, `whiteness`, `search`, `null_distribution`, `temperature_lag`;
 //! - the selection of hypotheses: `model_selection`, `solution`;
 //! - the report: `residual_map`, `alternatives`, `next_manoeuvre`, `outcome` (types only), `discriminating_test`, `entries`, `cross_validation`, `unexplained`;
 //! - the whole: `diagnosis`, `report`.
 
 pub mod alternatives;
+mod calibration_signatures;
 mod course_products;
 mod courses;
 mod cross_validation;
 mod diagnosis;
+pub mod diagnosis_case;
 pub mod discriminating_test;
 mod entries;
-mod fitted_hypothesis;
+pub mod fitted_hypothesis;
 mod linear_algebra;
 pub mod linear_signatures;
 pub mod measured;
@@ -27,6 +29,7 @@ pub mod noise;
 pub mod normal_equations;
 pub mod null_distribution;
 pub mod outcome;
+pub mod recent;
 pub mod report;
 pub mod residual_map;
 pub mod residual_stats;
@@ -42,13 +45,12 @@ mod sweep;
 mod temperature_lag;
 mod time_origin;
 mod unexplained;
-
 mod whiteness;
 pub mod whitening;
 
 pub use diagnosis::diagnose_rows;
+pub use diagnosis_case::DiagnosisCase;
 pub use measured::{MeasuredData, MeasuredError};
-pub use model_state::DiagnosisCase;
 pub use null_distribution::Thresholds;
 pub use outcome::{Diagnosis, Verdict};
 pub use signature_bank::SignatureBank;

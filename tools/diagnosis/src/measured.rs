@@ -5,6 +5,7 @@ mod dequantised;
 mod model;
 mod model_cache;
 mod planned;
+mod reference_sigma;
 mod series;
 mod smoothed_reference;
 mod temperature;
@@ -12,7 +13,7 @@ mod temperature;
 use geu_checks::median;
 use std::sync::Arc;
 
-use geu_calibration::{AccumulatedCounts, BreakKind};
+use geu_calibration::{AccumulatedCounts, BreakKind, Discontinuity};
 use geu_model::Configuration;
 use geu_model::attitude::RecordedAttitude;
 use geu_model::units::SAMPLE_INTERVAL_S;
@@ -20,6 +21,7 @@ use geu_recording::ReferenceAttitude;
 
 use dequantised::{DequantisedAngles, dequantise};
 pub use planned::PlannedMotion;
+pub use reference_sigma::ReferenceSigma;
 pub use series::{CHANNELS, Series, Shifts, TIMING};
 pub use smoothed_reference::SmoothedReference;
 
@@ -93,6 +95,8 @@ pub struct MeasuredData {
     pub reference: Arc<RecordedAttitude>,
     /// The reference before smoothing, if it is noisy or slow.
     pub smoothed: Option<Arc<SmoothedReference>>,
+    /// The stated sigmas of its rows, if there are any.
+    pub reference_sigma: Option<ReferenceSigma>,
     /// Samples up to the end of the reference.
     pub samples: usize,
     /// Weights of the nodes of gyros of which the angles are dequantised, counts⁻².
@@ -123,6 +127,7 @@ impl MeasuredData {
         let readings = [&mut counts.electronics_c, &mut counts.sensor_c].into_iter();
         readings.for_each(|celsius| *celsius = between_readings(celsius));
         let start_s = (reference.start_ns - counts.start_ns) as f64 * 1e-9;
+        let sigma_arcsec = &reference.sigma_arcsec;
         let reference = RecordedAttitude::clone(&reference.truth).starting_at(start_s);
         // Only within the reference, not at its ends, is the interpolating spline accurate.
         let is_covered = |node: usize| (start_s..=reference.end_s()).contains(&counts.node_s[node]);
@@ -146,16 +151,7 @@ impl MeasuredData {
             blocks[..TIMING].iter().map(of_channel).max().unwrap_or(0)
         };
         let covered = good(&blocks);
-        for found in &counts.breaks {
-            let moves_times = matches!(found.kind, BreakKind::TimeJump | BreakKind::Jump | BreakKind::Reset);
-            let last = found.to.saturating_sub(1) / BLOCK;
-            for (index, channel) in blocks.iter_mut().enumerate() {
-                let is_affected = found.gyros.get(index).copied().unwrap_or(moves_times);
-                for block in channel.iter_mut().take(last + 1).skip(found.from / BLOCK).filter(|_| is_affected) {
-                    *block = Block { is_good: false, is_compared: false, restarts: true };
-                }
-            }
-        }
+        leave_out(&counts.breaks, &mut blocks);
         let good = good(&blocks);
         let common_s = (counts.end_s().min(reference.end_s()) - start_s.max(0.0)).max(0.0);
         if covered < MIN_BLOCKS {
@@ -171,7 +167,8 @@ impl MeasuredData {
         if good < MIN_BLOCKS {
             return Err(MeasuredError::Broken { good_s: good as f64 * BLOCK_S, common_s });
         }
-        let smoothed = SmoothedReference::new(&counts, &reference, nominal, samples / BLOCK);
+        let (reference_sigma, smoothed) =
+            SmoothedReference::new(&counts, &reference, sigma_arcsec, nominal, samples / BLOCK);
         if let Some(smoothed) = &smoothed {
             for channel in &mut blocks[..TIMING] {
                 let has_row = channel.iter_mut().zip(&smoothed.departure);
@@ -184,6 +181,7 @@ impl MeasuredData {
             counts,
             reference,
             smoothed,
+            reference_sigma,
             samples,
             weights: Default::default(),
             blocks,
@@ -297,10 +295,24 @@ pub fn nodes(block: usize) -> std::ops::Range<usize> {
     1 + block * BLOCK..1 + (block + 1) * BLOCK
 }
 
+/// Leaves out the blocks of each channel that contain a break.
+fn leave_out(breaks: &[Discontinuity], blocks: &mut [Vec<Block>; CHANNELS]) {
+    for found in breaks {
+        let moves_times = matches!(found.kind, BreakKind::TimeJump | BreakKind::Jump | BreakKind::Reset);
+        let last = found.to.saturating_sub(1) / BLOCK;
+        for (index, channel) in blocks.iter_mut().enumerate() {
+            let is_affected = found.gyros.get(index).copied().unwrap_or(moves_times);
+            for block in channel.iter_mut().take(last + 1).skip(found.from / BLOCK).filter(|_| is_affected) {
+                *block = Block { is_good: false, is_compared: false, restarts: true };
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geu_calibration::{BreakKind, Discontinuity};
+
     use geu_model::attitude::AttitudeRow;
 
     /// Error for samples at rest from `start_s` of a reference of 1500 s, of which every `lost_each`-th sample is lost.
@@ -318,7 +330,7 @@ mod tests {
         counts.breaks = (1..2400).step_by(lost_each).map(lost).collect();
         MeasuredData::new(
             counts,
-            &ReferenceAttitude { start_ns: 0, truth, time_system: None },
+            &ReferenceAttitude { start_ns: 0, truth, sigma_arcsec: Vec::new(), time_system: None },
             &Configuration::reference(),
         )
         .expect_err("too little")

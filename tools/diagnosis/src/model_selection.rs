@@ -10,12 +10,17 @@ mod noise;
 mod refine;
 mod selected;
 
+use std::hash::{DefaultHasher, Hash, Hasher};
+
 use rayon::prelude::*;
 
+use crate::diagnosis_case::DiagnosisCase;
+use crate::fitted_hypothesis::FittedHypothesis;
 use crate::measured::TIMING;
-use crate::model_state::{DiagnosisCase, FittedHypothesis, ModelState};
+use crate::model_state::ModelState;
 use crate::normal_equations::NormalEquations;
 use crate::null_distribution::Thresholds;
+use crate::recent::Recent;
 use crate::search::{Candidate, passes_cross_validation, search, separate_sets, shape_penalty};
 use crate::signature_bank::SignatureBank;
 use crate::spots::Spot;
@@ -49,22 +54,49 @@ const EXCHANGED_CHI2: f64 = 4.0;
 /// A fitted candidate: χ² reduction beyond its penalty, place among the candidates, state and equations with it.
 type Fit = (f64, usize, ModelState, NormalEquations);
 
+/// Searches of a selection.
+pub struct Searches<'a> {
+    /// The recording.
+    pub case: &'a DiagnosisCase<'a>,
+    /// The hypotheses.
+    pub bank: &'a SignatureBank,
+    /// Thresholds of their families.
+    pub thresholds: &'a Thresholds,
+    /// Searches with this bank that recur.
+    pub known: Recent<Vec<Candidate>>,
+}
+
+impl<'a> Searches<'a> {
+    /// With this bank.
+    pub fn new(case: &'a DiagnosisCase, bank: &'a SignatureBank, thresholds: &'a Thresholds) -> Searches<'a> {
+        Searches { case, bank, thresholds, known: Recent::default() }
+    }
+
+    /// Candidates beside a state, best first.
+    fn candidates(&self, state: &ModelState, normal: &NormalEquations) -> Vec<Candidate> {
+        let mut hasher = DefaultHasher::new();
+        [state.key(), normal.squares().to_bits(), normal.chi2().to_bits()].hash(&mut hasher);
+        let key = hasher.finish();
+        self.known.find(key).unwrap_or_else(|| {
+            let bank = self.bank.late(state.shifts.temperature_s);
+            let found = search(&bank, normal, state, Some(self.thresholds));
+            self.known.keep(key, &found);
+            found
+        })
+    }
+}
+
 /// Selects the model that explains the recording best: effects of the bank, noise, or both; at most `per_gyro` + 1 effects on a gyro.
-pub fn select_model(
-    case: &DiagnosisCase,
-    bank: &SignatureBank,
-    thresholds: &Thresholds,
-    start: &ModelState,
-    per_gyro: usize,
-) -> SelectedModel {
+pub fn select_model(searches: &Searches, start: &ModelState, per_gyro: usize) -> SelectedModel {
+    let Searches { case, thresholds, .. } = *searches;
     let finished = |mut selected: SelectedModel| {
         selected.free_noise(case, thresholds);
         selected.prune(case);
         selected.settled(case, thresholds)
     };
     let grown = |selected: &SelectedModel, order| {
-        let (selected, is_other) = grow(case, bank, thresholds, selected.clone(), per_gyro, order);
-        let mut selected = exchange(case, bank, thresholds, selected);
+        let (selected, is_other) = grow(searches, selected.clone(), per_gyro, order);
+        let mut selected = exchange(searches, selected);
         // Walks are fitted again beside the effects.
         selected.reset_noise(case, &[true; TIMING]);
         (finished(selected), is_other)
@@ -121,18 +153,11 @@ impl Order {
 }
 
 /// Adds the best effect as long as one is acceptable and no gyro has more than `per_gyro`; also returns whether another order differs.
-fn grow(
-    case: &DiagnosisCase,
-    bank: &SignatureBank,
-    thresholds: &Thresholds,
-    mut now: SelectedModel,
-    per_gyro: usize,
-    order: Order,
-) -> (SelectedModel, bool) {
+fn grow(searches: &Searches, mut now: SelectedModel, per_gyro: usize, order: Order) -> (SelectedModel, bool) {
+    let Searches { case, bank, thresholds, .. } = *searches;
     let mut is_other = false;
     loop {
-        let bank_now = bank.late(now.state.shifts.temperature_s);
-        let candidates = search(&bank_now, &now.normal, &now.state, Some(thresholds));
+        let candidates = searches.candidates(&now.state, &now.normal);
         let (candidates, differs) = order.sorted(candidates, thresholds);
         is_other |= differs;
         let Some(first) = candidates.first() else { break };
@@ -146,7 +171,7 @@ fn grow(
         let Some((_, place, state, normal)) = chosen else {
             now.steps.push(step);
             if best > REJECTED_CHI2 && best > now.negligible(case) {
-                now.reject(case, &bank_now, thresholds, first);
+                now.reject(case, &bank.late(now.state.shifts.temperature_s), thresholds, first);
             }
             break;
         };
@@ -206,32 +231,34 @@ fn best_fit(
 }
 
 /// Replaces each of several hypotheses by a likelier hypothesis beside the others: an earlier one may have explained a part of a later one.
-fn exchange(
-    case: &DiagnosisCase,
-    bank: &SignatureBank,
-    thresholds: &Thresholds,
-    mut now: SelectedModel,
-) -> SelectedModel {
-    let count = now.state.held.len();
-    for index in (0..count).filter(|_| count > 1) {
-        let (state, normal, chi2) = now.without(case, index);
-        let bank_now = bank.late(state.shifts.temperature_s);
-        let candidates = search(&bank_now, &normal, &state, Some(thresholds));
-        let Some(fit) = best_fit(case, thresholds, &state, &normal, &candidates) else { continue };
-        if score(&fit) <= chi2.fall - chi2.threshold - shape_penalty(&now.state.held[index].hypothesis) + EXCHANGED_CHI2
-        {
-            continue;
-        }
-        now.remove(index);
-        let (_, place, state, normal) = fit;
-        now.steps.push(SelectionStep { candidates, kept: Some(state.held.len() - 1), added: Some(place) });
-        (now.state, now.normal) = (state, normal);
-        now.free_shapes(case);
-        now.round_count(case);
-        // The one behind it has moved to its place.
-        return exchange(case, bank, thresholds, now);
+fn exchange(searches: &Searches, mut now: SelectedModel) -> SelectedModel {
+    // Each exchange lowers the score, so that none is repeated.
+    while let Some(likelier) = (0..now.state.held.len()).find_map(|index| exchanged(searches, &now, index)) {
+        now = likelier;
     }
     now
+}
+
+/// Replaces one hypothesis of several, if that lowers the score by [`EXCHANGED_CHI2`].
+fn exchanged(searches: &Searches, now: &SelectedModel, index: usize) -> Option<SelectedModel> {
+    let Searches { case, thresholds, .. } = *searches;
+    if now.state.held.len() < 2 {
+        return None;
+    }
+    let (state, normal, _) = now.without(case, index);
+    let candidates = searches.candidates(&state, &normal);
+    let (_, place, state, normal) = best_fit(case, thresholds, &state, &normal, &candidates)?;
+    let mut other = now.clone();
+    other.remove(index);
+    other.steps.push(SelectionStep { candidates, kept: Some(state.held.len() - 1), added: Some(place) });
+    (other.state, other.normal) = (state, normal);
+    let is_likelier = |other: &SelectedModel| other.penalised_chi2() < now.penalised_chi2() - EXCHANGED_CHI2;
+    if !is_likelier(&other) {
+        return None;
+    }
+    other.free_shapes(case);
+    other.round_count(case);
+    is_likelier(&other).then_some(other)
 }
 
 fn score(fit: &Fit) -> f64 {

@@ -7,9 +7,9 @@ use geu_model::Configuration;
 use geu_model::effect::GyroEffects;
 use nalgebra::{DMatrix, DVector};
 
+use crate::diagnosis_case::DiagnosisCase;
 use crate::linear_algebra::{dot, factored, inverse_roots, lower};
 use crate::measured::{BLOCK, BLOCK_S, Block, CHANNELS, MeasuredData, Series, TIMING};
-use crate::model_state::DiagnosisCase;
 use crate::normal_equations::{Nuisance, RIDGE, THIRDS};
 use crate::rounding::{BlockRounding, Rounding};
 use crate::whitening::{NoiseModel, Whitening};
@@ -108,8 +108,8 @@ fn min_white(channel: usize) -> f64 {
     if channel == TIMING { MIN_TIMING.powi(2) } else { MIN_WHITE }
 }
 
-/// Variance of second differences without that of rounding and of a noisy scale factor: from the median of their absolute values in each window, averaged over the
-/// windows except the extreme tenths. 0 without data.
+/// Variance of second differences without that of rounding and of a noisy scale factor, of blocks with a white noise of scale 1: from the
+/// median of their absolute values in each window, averaged over the windows except the extreme tenths. 0 without data.
 fn second_differences(series: &[f64], blocks: &[Block], rounding: &[BlockRounding], scale_walk: f64) -> f64 {
     let of_window = |((values, blocks), rounding): ((&[f64], &[Block]), &[BlockRounding])| {
         let compared: Vec<usize> = (0..blocks.len()).filter(|&block| blocks[block].is_compared).collect();
@@ -126,7 +126,9 @@ fn second_differences(series: &[f64], blocks: &[Block], rounding: &[BlockRoundin
                     _ => rounding[first].variance + 4.0 * rounding[middle].variance + rounding[last].variance,
                 };
                 let scale = scale_walk.powi(2) * rounding[middle].scale_walk;
-                ((values[first] - 2.0 * values[middle] + values[last]).abs(), rounded + scale)
+                let white = [first, middle, last].map(|block| rounding[block].white_scale);
+                let white = (white[0] + 4.0 * white[1] + white[2]) / 6.0;
+                ((values[first] - 2.0 * values[middle] + values[last]).abs() / white.sqrt(), (rounded + scale) / white)
             })
             .unzip();
         let rounded = median(&mut roundings);

@@ -11,8 +11,9 @@ use geu_protocol::Gyro;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::diagnosis_case::DiagnosisCase;
 use crate::measured::{BLOCK, CHANNELS, Series, TIMING, nodes};
-use crate::model_state::{DiagnosisCase, ModelState};
+use crate::model_state::ModelState;
 use crate::noise::Walk;
 use crate::normal_equations::NormalEquations;
 use crate::search::{set_penalty, sets};
@@ -222,7 +223,8 @@ fn draw(case: &DiagnosisCase, model: &Series, noise: &[NoiseModel; CHANNELS], se
                     None => (angle + walk).round() - angle,
                 };
             }
-            let additional = additional * of_reference.standard_normal();
+            let scale = case.rounding[channel][block].white_scale.sqrt();
+            let additional = additional * scale * of_reference.standard_normal();
             match weights {
                 Some(weights) => {
                     let weight: f64 = nodes(block).map(|node| weights[node]).sum();

@@ -9,8 +9,8 @@ use geu_model::temperature::SENSOR_NOMINAL_C;
 use geu_model::units::{ORBIT_S, RAD_PER_DEG, S_PER_DAY, SAMPLE_INTERVAL_S};
 use rayon::prelude::*;
 
+use crate::diagnosis_case::DiagnosisCase;
 use crate::measured::{BLOCK, CHANNELS, MeasuredData, Series, TIMING};
-use crate::model_state::DiagnosisCase;
 use crate::motion_segments::MotionSegment;
 use crate::normal_equations::NormalEquations;
 use crate::signature_bank::Column;

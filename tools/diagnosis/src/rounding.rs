@@ -34,14 +34,22 @@ pub struct BlockRounding {
     pub second_difference: f64,
     /// Growth of the angle's variance over the block by the noise of a smoothed reference, counts².
     pub reference_walk: f64,
+    /// Variance of the white noise, as a multiple of [`crate::whitening::NoiseModel::white`].
+    pub white_scale: f64,
     /// Growth of the angle's variance over the block by a scale factor with white noise of 1 ppm·√s, counts².
     pub scale_walk: f64,
 }
 
 impl BlockRounding {
     /// No rounding.
-    pub const NONE: BlockRounding =
-        BlockRounding { variance: 0.0, correlation: 0.0, second_difference: 0.0, reference_walk: 0.0, scale_walk: 0.0 };
+    pub const NONE: BlockRounding = BlockRounding {
+        variance: 0.0,
+        correlation: 0.0,
+        second_difference: 0.0,
+        reference_walk: 0.0,
+        white_scale: 1.0,
+        scale_walk: 0.0,
+    };
 }
 
 /// Statistics of each block of each channel.
@@ -63,6 +71,8 @@ pub fn rounding(measured: &MeasuredData, model: &Series) -> Rounding {
         if let Some(smoothed) = &measured.smoothed {
             let walk = rounding.iter_mut().zip(&smoothed.walk[channel]);
             walk.for_each(|(block, walk)| block.reference_walk = walk.norm_squared());
+            let scale = rounding.iter_mut().zip(&smoothed.white_scale[channel]);
+            scale.for_each(|(block, scale)| block.white_scale = *scale);
         }
         rounding
     })

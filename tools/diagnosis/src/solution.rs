@@ -1,19 +1,19 @@
 //! The model selected for a recording: noise, thresholds, and the search over the catalogue and over formulas.
 
 use std::cell::LazyCell;
-use std::sync::Arc;
 
 use geu_calibration::window::ManoeuvreWindow;
 use geu_model::Configuration;
 
+use crate::diagnosis_case::DiagnosisCase;
 use crate::fitted_hypothesis::SAME_SIGMAS;
 use crate::linear_signatures::LinearSignatures;
 use crate::measured::{BLOCK, CHANNELS, MeasuredData, Series, Shifts};
-use crate::model_selection::{MAX_PER_GYRO, SelectedModel, select_model};
-use crate::model_state::{DiagnosisCase, ModelState};
+use crate::model_selection::{MAX_PER_GYRO, Searches, SelectedModel, select_model};
+use crate::model_state::ModelState;
 use crate::noise;
 use crate::null_distribution::{Thresholds, thresholds};
-use crate::rounding::{CLOSED_LOOP, CLOSED_LOOP_WITH_EFFECTS, correlation_with_motion, rounding};
+use crate::rounding::{CLOSED_LOOP, CLOSED_LOOP_WITH_EFFECTS, correlation_with_motion};
 use crate::signature_bank::SignatureBank;
 use crate::whiteness::whiteness_statistic;
 use crate::whitening::NoiseModel;
@@ -23,7 +23,7 @@ use geu_hypothesis::amplitude::AmplitudeRef;
 const FORMULA_MARGIN: f64 = 10.0;
 /// Version of the search beside the model's lists. It changes with grids, families and null recordings, so that stored thresholds never
 /// apply to another search.
-const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 23");
+const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 24");
 
 /// Options of a diagnosis.
 pub struct DiagnosisOptions<'a> {
@@ -71,8 +71,8 @@ impl<'a> Solution<'a> {
         // Rounding depends on the rate: that of the fitted scale factors and drifts.
         let mut fitted = start.clone();
         case.fit(&mut fitted);
-        let path = case.run(&fitted);
-        case.rounding = Arc::new(rounding(measured, &path));
+        fitted.reset_undetermined_lag();
+        let path = case.set_origin(&fitted);
         let noise = noise::configured(nominal, measured, &case.rounding, &measured.residual(&path));
         let start = case.start(noise);
         let correlation = |path: &Series| if has_counts { correlation_with_motion(measured, path) } else { 0.0 };
@@ -96,14 +96,16 @@ impl<'a> Solution<'a> {
             found
         });
         progress("search");
+        let of_catalogue = Searches::new(&case, &catalogue, &thresholds);
+        let of_all = LazyCell::new(|| Searches::new(&case, &all, &thresholds));
         let pass = |per_gyro: usize| {
-            let effects = select_model(&case, &catalogue, &thresholds, &start, per_gyro);
+            let effects = select_model(&of_catalogue, &start, per_gyro);
             if !effects.is_cut && is_noise(&effects, &thresholds) && !effects.is_doubtful(&case, &formulas, &thresholds)
             {
                 return effects;
             }
             progress("formulas");
-            let other = select_model(&case, &all, &thresholds, &start, per_gyro);
+            let other = select_model(&of_all, &start, per_gyro);
             // A transient is as unlikely as a formula.
             let margin = if effects.has_transient() { 0.0 } else { FORMULA_MARGIN };
             let is_better = other.requires_formula(&case)
@@ -163,6 +165,9 @@ fn key(measured: &MeasuredData, path: &Series, noise: &[NoiseModel; CHANNELS], s
     for weights in measured.weights.iter().flatten() {
         weights.iter().step_by(BLOCK).for_each(|weight| push(&tenths(*weight)));
     }
+    // Without stated sigmas all are 1.
+    let scales = measured.smoothed.iter().flat_map(|smoothed| smoothed.white_scale.iter().flatten());
+    scales.filter(|scale| **scale != 1.0).for_each(|scale| push(&tenths(scale.ln())));
     for channel in 0..CHANNELS {
         for block in &measured.blocks[channel] {
             push(&[u8::from(block.is_good), u8::from(block.restarts)]);

@@ -5,7 +5,9 @@
 use geu_model::time_profile::COURSES;
 use rayon::prelude::*;
 
-use crate::model_state::{DiagnosisCase, FittedHypothesis, ModelState};
+use crate::diagnosis_case::DiagnosisCase;
+use crate::fitted_hypothesis::FittedHypothesis;
+use crate::model_state::ModelState;
 use crate::normal_equations::NormalEquations;
 use crate::signature_bank::{HypothesisFamily, SignatureBank, Variation};
 use crate::spots::Spot;

@@ -2,9 +2,9 @@
 
 use std::collections::BTreeSet;
 
+use crate::diagnosis_case::DiagnosisCase;
 use crate::measured::{BLOCK_S, Series, TIMING};
 use crate::model_selection::SelectedModel;
-use crate::model_state::DiagnosisCase;
 use crate::outcome::{FollowedTerm, Unexplained};
 use crate::search::search;
 use crate::signature_bank::SignatureBank;

@@ -12,7 +12,7 @@ use crate::rounding::BlockRounding;
 /// Noise of one channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NoiseModel {
-    /// Variance of a block's average in addition to rounding, such as that of the reference.
+    /// Variance of a block's average in addition to rounding, such as that of the reference; times [`BlockRounding::white_scale`].
     pub white: f64,
     /// Growth of the angle's deviation with the root of time, per √s.
     pub angle_walk: f64,
@@ -61,6 +61,7 @@ impl Whitening {
         let (mut anew, mut log_determinant) = (true, 0.0);
         let step = |(number, block): (usize, &Block)| {
             let own = rounding[number];
+            let white = noise.white * own.white_scale;
             let angle =
                 noise.angle_walk.powi(2) * BLOCK_S + noise.scale_walk.powi(2) * own.scale_walk + own.reference_walk;
             anew |= block.restarts;
@@ -72,7 +73,7 @@ impl Whitening {
                 + 2.0 * mean_s * ad
                 + mean_s * mean_s * dd
                 + VARIANCE * angle
-                + noise.white
+                + white
                 + 2.0 * (ae + mean_s * de)
                 + ee;
             aa += 2.0 * t * ad + t * t * dd + angle + drift * t.powi(3) / 3.0;
@@ -85,7 +86,7 @@ impl Whitening {
                 // The angle at the end is the average and what came after its mean time.
                 let left_s = t - mean_s;
                 let rest = (1.0 - 2.0 * MEAN + VARIANCE) * angle;
-                aa = noise.white + rest + left_s * left_s * dd + ee - 2.0 * left_s * de;
+                aa = white + rest + left_s * left_s * dd + ee - 2.0 * left_s * de;
                 (ad, ae) = (left_s * dd - de, left_s * de - ee);
                 gains[0] = 1.0;
             } else if block.is_compared {
@@ -179,13 +180,8 @@ mod tests {
         let noise = NoiseModel { white: 1.0 / 120.0, angle_walk: 0.01, rate_walk: 8e-6, scale_walk: 0.0 };
         let mut blocks = vec![Block { is_good: true, is_compared: true, restarts: false }; 300];
         blocks[90] = Block { is_good: false, is_compared: false, restarts: true };
-        let rounding = BlockRounding {
-            variance: 0.05,
-            correlation: 0.7,
-            second_difference: 0.1,
-            reference_walk: 0.0,
-            scale_walk: 0.0,
-        };
+        let rounding =
+            BlockRounding { variance: 0.05, correlation: 0.7, second_difference: 0.1, ..BlockRounding::NONE };
         let whitening = Whitening::new(&noise, &blocks, &vec![rounding; blocks.len()]);
         let mut state = 3;
         let [series, other]: [Vec<f64>; 2] = std::array::from_fn(|_| (0..300).map(|_| draw(&mut state)).collect());

@@ -2,8 +2,9 @@
 
 use geu_diagnosis::alternatives::{AMBIGUITY_CHI2, similar_hypotheses};
 use geu_diagnosis::discriminating_test::DiscriminatingTests;
+use geu_diagnosis::fitted_hypothesis::FittedHypothesis;
 use geu_diagnosis::measured::CHANNELS;
-use geu_diagnosis::model_state::{FittedHypothesis, ModelState};
+use geu_diagnosis::model_state::ModelState;
 use geu_diagnosis::whitening::NoiseModel;
 use geu_diagnosis::{DiagnosisCase, SignatureBank};
 use geu_hypothesis::Hypothesis;

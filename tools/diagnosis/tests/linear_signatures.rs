@@ -1,8 +1,8 @@
 //! Signatures that a fit computes equal model runs.
 
+use geu_diagnosis::fitted_hypothesis::FittedHypothesis;
 use geu_diagnosis::linear_signatures::LinearSignatures;
 use geu_diagnosis::measured::CHANNELS;
-use geu_diagnosis::model_state::FittedHypothesis;
 use geu_diagnosis::whitening::NoiseModel;
 use geu_diagnosis::{DiagnosisCase, SignatureBank};
 use geu_hypothesis::Hypothesis;

@@ -1,7 +1,9 @@
-//! Model runs assembled from earlier ones.
+//! Model runs assembled from earlier ones, or continued linearly from them.
 
-use geu_diagnosis::MeasuredData;
-use geu_diagnosis::measured::{Series, Shifts};
+use geu_diagnosis::measured::{CHANNELS, Series, Shifts};
+use geu_diagnosis::whitening::NoiseModel;
+use geu_diagnosis::{DiagnosisCase, MeasuredData};
+use geu_hypothesis::amplitude::calibration_parameters;
 use geu_model::Configuration;
 
 use crate::recorded::{manoeuvre, recorded};
@@ -52,4 +54,31 @@ fn assembled_run_equals_a_run_alone() {
     seen.sort_unstable();
     seen.dedup();
     assert_eq!(seen.len(), asked.len() - 1, "the runs differ");
+}
+
+#[test]
+fn the_model_is_linear_between_the_points_of_the_grid() {
+    let mut nominal = Configuration::reference();
+    (nominal.scenario.theta_deg, nominal.scenario.psi_deg) = (90.0, 0.0);
+    let rest = manoeuvre("pointing", &[("duration_s", 300.0)]);
+    let turn = manoeuvre("z-scan", &[("angle_deg", 360.0)]);
+    let measured = recorded(&nominal, &[rest.clone(), turn, rest], None);
+    let mut case = DiagnosisCase::new(&measured, &nominal);
+    let noise = NoiseModel { white: 0.01, angle_walk: 0.02, rate_walk: 2e-5, scale_walk: 0.0 };
+    let mut state = case.start([noise; CHANNELS]);
+    let mut add = |of_number: [f64; 5], lag_s: f64| {
+        for (value, (_, number)) in state.calibration.iter_mut().zip(calibration_parameters()) {
+            *value += of_number[number];
+        }
+        state.shifts.lag_s += lag_s;
+        state.clone()
+    };
+    case.set_origin(&add([2e-3, 0.1, 200.0, -150.0, 80.0], 0.02));
+    // Nearly half a step of each.
+    let mut state = add([14e-6, 0.9e-3, 14.0, -14.0, 14.0], 4.9e-3);
+    let (residuals, exact) = (case.linearised(&mut state).0, case.residual(&state));
+    let differences =
+        residuals.iter().zip(&exact).flat_map(|(own, exact)| own.iter().zip(exact).map(|(a, b)| (a - b).abs()));
+    let largest = differences.fold(0.0, f64::max);
+    assert!(largest < 0.003, "{largest} arcsec");
 }

@@ -17,6 +17,11 @@ use crate::text::{RowReader, open_rows};
 
 const COLUMNS: &str = "t_s and either rate_x_arcsec_s, rate_y_arcsec_s, rate_z_arcsec_s or q_w, q_x, q_y, q_z";
 
+/// Columns of which one kind may state the 1-sigma error of each attitude about the control axes.
+const SIGMA_COLUMNS: &str = "q_w, q_x, q_y, q_z beside either sigma_arcsec or sigma_x_arcsec, sigma_y_arcsec, sigma_z_arcsec: a sigma is that of a row's attitude, and rates state none";
+/// Largest sigma, half a turn: an attitude that is less certain states nothing.
+const MAX_SIGMA_ARCSEC: f64 = 648_000.0;
+
 /// Description of a reference attitude in errors.
 pub const REFERENCE: &str = "a reference attitude, CSV or CCSDS AEM";
 
@@ -26,6 +31,8 @@ pub struct ReferenceAttitude {
     pub start_ns: i64,
     /// The truth; its time 0 is `start_ns`.
     pub truth: Arc<RecordedAttitude>,
+    /// Stated 1-sigma error of the attitude of each row of the truth, about each control axis; empty if the file states none.
+    pub sigma_arcsec: Vec<[f64; 3]>,
     /// Time system of an attitude ephemeris, in which `start_ns` counts from 1970.
     pub time_system: Option<String>,
 }
@@ -35,6 +42,7 @@ struct Columns {
     t: usize,
     motion: Motion,
     theta_psi: Option<[usize; 2]>,
+    sigma: Option<[usize; 3]>,
 }
 
 enum Motion {
@@ -43,17 +51,25 @@ enum Motion {
 }
 
 impl Columns {
-    fn find(table: &CsvTable<impl Read>) -> Option<Columns> {
+    /// Finds the columns; the error is the expected ones.
+    fn find(table: &CsvTable<impl Read>) -> Result<Columns, &'static str> {
         let at = |title: &str| table.column(title);
         let rates = ["rate_x_arcsec_s", "rate_y_arcsec_s", "rate_z_arcsec_s"].map(at);
         let quaternions = ["q_w", "q_x", "q_y", "q_z"].map(at);
         let motion = match (rates, quaternions) {
             ([Some(x), Some(y), Some(z)], _) => Motion::Rates([x, y, z]),
             (_, [Some(w), Some(x), Some(y), Some(z)]) => Motion::Quaternions([w, x, y, z]),
-            _ => return None,
+            _ => return Err(COLUMNS),
+        };
+        let sigmas = ["sigma_arcsec", "sigma_x_arcsec", "sigma_y_arcsec", "sigma_z_arcsec"].map(at);
+        let sigma = match (sigmas, &motion) {
+            ([None, None, None, None], _) => None,
+            ([Some(all), None, None, None], Motion::Quaternions(_)) => Some([all; 3]),
+            ([None, Some(x), Some(y), Some(z)], Motion::Quaternions(_)) => Some([x, y, z]),
+            _ => return Err(SIGMA_COLUMNS),
         };
         let theta_psi = at("theta_deg").zip(at("psi_deg")).map(|(theta, psi)| [theta, psi]);
-        Some(Columns { t: at("t_s")?, motion, theta_psi })
+        Ok(Columns { t: at("t_s").ok_or(COLUMNS)?, motion, theta_psi, sigma })
     }
 }
 
@@ -102,9 +118,10 @@ impl ReferenceAttitude {
             return aem::parse(name, rows.lines());
         }
         let mut table = CsvTable::new(name, rows)?;
-        let columns = Columns::find(&table).ok_or_else(|| table.without_columns(COLUMNS))?;
+        let columns = Columns::find(&table).map_err(|expected| table.without_columns(expected))?;
         let (mut rows, mut lines, mut base_ns) = (Vec::new(), Vec::new(), None);
         let mut attitude: Option<UnitQuaternion<f64>> = None;
+        let mut sigma_arcsec = Vec::new();
         while table.read()? {
             let number = |column: usize| table.number(column);
             let t_ns = nanoseconds(table.text(columns.t)).ok_or_else(|| table.unexpected(columns.t, "a number"))?;
@@ -124,6 +141,13 @@ impl ReferenceAttitude {
                 Some([theta, psi]) => Some((number(theta)? * RAD_PER_DEG, number(psi)? * RAD_PER_DEG)),
                 None => None,
             };
+            let sigma = |column: usize| {
+                let sigma = Some(number(column)?).filter(|sigma| (0.0..=MAX_SIGMA_ARCSEC).contains(sigma));
+                sigma.ok_or_else(|| table.unexpected(column, "a sigma from 0 to 648000"))
+            };
+            if let Some([x, y, z]) = columns.sigma {
+                sigma_arcsec.push([sigma(x)?, sigma(y)?, sigma(z)?]);
+            }
             rows.push(AttitudeRow { t_s, angle_control_arcsec, theta_psi_rad });
             lines.push(table.line());
         }
@@ -139,7 +163,9 @@ impl ReferenceAttitude {
             }
         }
         let is_attitude = matches!(columns.motion, Motion::Quaternions(_));
-        ReferenceAttitude::from_turns(name, base_ns.unwrap_or(0), &rows, &lines, None, allows_gaps && is_attitude)
+        let allows_gaps = allows_gaps && is_attitude;
+        let read = ReferenceAttitude::from_turns(name, base_ns.unwrap_or(0), &rows, &lines, None, allows_gaps)?;
+        Ok(ReferenceAttitude { sigma_arcsec, ..read })
     }
 
     /// The truth from rows with times since `base_ns`; the motion starts at the first.
@@ -157,7 +183,12 @@ impl ReferenceAttitude {
             TableError::Rows { name: name.to_owned(), line, source }
         })?;
         let start_ns = base_ns + (truth.start_s() * 1e9).round() as i64;
-        Ok(ReferenceAttitude { start_ns, truth: Arc::new(truth.starting_at_zero()), time_system })
+        Ok(ReferenceAttitude {
+            start_ns,
+            truth: Arc::new(truth.starting_at_zero()),
+            sigma_arcsec: Vec::new(),
+            time_system,
+        })
     }
 }
 
@@ -210,6 +241,42 @@ mod tests {
         let reference = ReferenceAttitude::parse("q", &format!("t_s,q_w,q_x,q_y,q_z,theta_deg,psi_deg\n{text}"));
         let (_, start) = reference.expect("a reference").truth.at(0.0, &mut 0);
         assert!((start.theta_rad / RAD_PER_DEG - 90.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_sigma_column_states_the_error_of_each_attitude() {
+        let parse = |titles: &str, values: [&str; 4]| {
+            let rows = values.iter().enumerate().map(|(row, values)| format!("{row},1,0,0,0,{values}\n"));
+            ReferenceAttitude::parse("f.csv", &format!("t_s,q_w,q_x,q_y,q_z,{titles}\n{}", rows.collect::<String>()))
+        };
+        let one = parse("sigma_arcsec", ["3", "30", "0", "3"]).expect("a reference");
+        assert_eq!(one.sigma_arcsec, [[3.0; 3], [30.0; 3], [0.0; 3], [3.0; 3]]);
+        let axes = "sigma_x_arcsec,sigma_y_arcsec,sigma_z_arcsec";
+        let three = parse(axes, ["1,2,30"; 4]).expect("a reference");
+        assert_eq!(three.sigma_arcsec, [[1.0, 2.0, 30.0]; 4]);
+        assert!(parse("theta_deg", ["90"; 4]).expect("a reference").sigma_arcsec.is_empty());
+        for (titles, values, part) in [
+            ("sigma_arcsec", "-1", "line 3: sigma_arcsec: expected a sigma from 0 to 648000, got \"-1\""),
+            ("sigma_arcsec", "1e6", "line 3: sigma_arcsec: expected a sigma from 0 to 648000, got \"1e6\""),
+            ("sigma_arcsec", "", "line 3: sigma_arcsec: expected a number, got \"\""),
+            ("sigma_arcsec", "inf", "line 3: sigma_arcsec: expected a number, got \"inf\""),
+            (axes, "1,1,-2", "line 3: sigma_z_arcsec: expected a sigma from 0 to 648000, got \"-2\""),
+            (
+                "sigma_x_arcsec",
+                "1",
+                "line 1: header: expected the columns q_w, q_x, q_y, q_z beside either sigma_arcsec",
+            ),
+            ("sigma_arcsec,sigma_x_arcsec", "1,1", "line 1: header: expected the columns q_w, q_x, q_y, q_z beside"),
+        ] {
+            // A good value in place of the bad one.
+            let good = values.replace(['-', 'e'], "").replace("inf", "");
+            let good = if good.is_empty() { "1" } else { good.as_str() };
+            let message = parse(titles, [good, values, good, good]).expect_err(values).to_string();
+            assert!(message.contains(part), "{part} not in {message}");
+        }
+        let rates = "t_s,rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s,sigma_arcsec\n1,0,0,0,1\n";
+        let message = ReferenceAttitude::parse("f.csv", rates).expect_err("rates").to_string();
+        assert!(message.contains("line 1: header: expected the columns q_w") && message.contains("rates state none"));
     }
 
     #[test]

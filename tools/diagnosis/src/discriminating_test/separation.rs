@@ -8,10 +8,11 @@ use rayon::prelude::*;
 
 use geu_model::parameter_spec::Role;
 
+use crate::diagnosis_case::DiagnosisCase;
 use crate::fitted_hypothesis::FittedHypothesis;
 use crate::linear_algebra::factored;
 use crate::measured::{Block, CHANNELS, Series};
-use crate::model_state::{DiagnosisCase, ModelState};
+use crate::model_state::ModelState;
 use crate::normal_equations::{NormalEquations, Nuisance, RIDGE};
 use crate::rounding::Rounding;
 use crate::signature::Signature;
@@ -175,7 +176,8 @@ pub fn fitted_chi2(case: &DiagnosisCase, state: &ModelState, index: usize, pair:
         let truth = with(FittedHypothesis::fixed(truth.hypothesis.clone()));
         let measured = case.measured.with_counts(case.run(&truth));
         let (nuisances, rounding, linear) = (case.nuisances.clone(), case.rounding.clone(), case.linear.clone());
-        let case = DiagnosisCase { measured: &measured, nominal: case.nominal, nuisances, rounding, linear };
+        let (nominal, origin, fits) = (case.nominal, case.origin.clone(), Default::default());
+        let case = DiagnosisCase { measured: &measured, nominal, nuisances, origin, rounding, linear, fits };
         let fits = starts(model).into_iter().map(|start| case.fit(&mut with(start)).squares());
         fits.filter(|chi2| chi2.is_finite()).fold(f64::INFINITY, f64::min)
     };

@@ -12,8 +12,8 @@ use geu_model::{Configuration, MeasuredTemperatures};
 
 use super::series::{CHANNELS, Shifts, TIMING};
 
-/// Cached runs: more give hardly any further hit.
-const KEPT: usize = 8;
+/// Cached runs: a run for each free parameter of a few alternating states.
+const KEPT: usize = 24;
 
 /// The last runs on one recording.
 #[derive(Debug, Default)]

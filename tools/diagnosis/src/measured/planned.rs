@@ -52,6 +52,7 @@ impl MeasuredData {
             counts,
             reference: Arc::new(motion),
             smoothed: None,
+            reference_sigma: None,
             samples,
             weights: Default::default(),
             blocks: std::array::from_fn(of_channel),

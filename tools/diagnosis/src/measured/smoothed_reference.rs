@@ -6,6 +6,8 @@
 //! subtracted again.
 //!
 //! A turn carries the noise of the smoothed attitude from axis to axis, so that the accumulated angles walk: `walk`.
+//!
+//! Stated sigmas weight the rows. Their scale is that of the scatter found, as without a statement: a common factor changes no weight.
 
 use geu_calibration::AccumulatedCounts;
 use geu_calibration::transfer::misalignment_matrix;
@@ -15,6 +17,7 @@ use geu_model::attitude::{AttitudeRow, RecordedAttitude};
 use geu_model::units::{ARCSEC_PER_RAD, SAMPLE_INTERVAL_S};
 use nalgebra::{Matrix3x4, Matrix4x3, UnitQuaternion, Vector3, Vector4};
 
+use super::reference_sigma::{ReferenceSigma, with_rounding};
 use super::{BLOCK_S, TIMING, nodes};
 
 /// Spacing of rows up to which an exact reference is used as it is.
@@ -43,8 +46,8 @@ pub struct SmoothedReference {
     pub departure: Vec<Option<[f64; TIMING]>>,
     /// Growth of the accumulated angle of each gyro over a block by the noise of the reference: 1 sigma by that about each axis, counts.
     pub walk: [Vec<Vector3<f64>>; TIMING],
-    /// 1 sigma of a row about each axis.
-    pub sigma_arcsec: Vector3<f64>,
+    /// Variance of the white noise of each block, as a multiple of that of rows of the mean weight: 1 without stated sigmas.
+    pub white_scale: [Vec<f64>; TIMING],
     /// Times of the rows that are left out.
     pub glitches_s: Vec<f64>,
 }
@@ -59,10 +62,17 @@ struct Row {
     /// Attitude relative to that by the gyros, about inertial axes.
     relative_arcsec: Vector3<f64>,
     smooth_arcsec: Vector3<f64>,
+    /// Stated sigma about control axes, with the rounding of the counts; 1 if none is stated.
+    sigma: Vector3<f64>,
     is_used: bool,
 }
 
 impl Row {
+    /// Weight by the sigma about each control axis.
+    fn weights(&self) -> Vector3<f64> {
+        self.sigma.map(|sigma| 1.0 / (sigma * sigma))
+    }
+
     /// Departure from the smoothed motion, about control axes.
     fn departure(&self) -> Vector3<f64> {
         self.attitude.inverse() * (self.relative_arcsec - self.smooth_arcsec)
@@ -70,38 +80,51 @@ impl Row {
 }
 
 impl SmoothedReference {
-    /// Smooths a reference on the time scale of the counts; `None` if it is exact, fast and without gaps, or the times do not
-    /// rise.
+    /// Smooths a reference on the time scale of the counts, with the stated sigma of each row or none; `None` if it is exact, fast and
+    /// without gaps, or the times do not rise. The comparison of the stated sigmas with the scatter comes first.
     pub fn new(
         counts: &AccumulatedCounts,
         reference: &RecordedAttitude,
+        sigma_arcsec: &[[f64; 3]],
         nominal: &Configuration,
         blocks: usize,
-    ) -> Option<SmoothedReference> {
+    ) -> (Option<ReferenceSigma>, Option<SmoothedReference>) {
         let calibrations = nominal.gyros.each_ref().map(|gyro| gyro.calibration);
         let matrix = misalignment_matrix(&calibrations);
         let turned = rotation(counts, reference, &matrix, nominal);
         let turned: Vec<Vector3<f64>> = (0..turned.len()).map(|node| cubic(&turned, node)).collect();
         let attitudes = attitudes(&turned);
-        let mut rows = rows(counts, &turned, &attitudes, reference)?;
-        let sigma_arcsec = Vector3::from_fn(|axis, _| second_difference_sigma(&rows, axis));
+        let Some(mut rows) = rows(counts, &turned, &attitudes, reference, sigma_arcsec) else { return (None, None) };
+        let scale = Vector3::from_fn(|axis, _| second_difference_sigma(&rows, axis));
+        let largest = rows.iter().map(|row| scale.component_mul(&row.sigma).max()).fold(0.0, f64::max);
+        let is_stated = !sigma_arcsec.is_empty() && rows.len() > 2 * REACH_ROWS;
+        let stated = is_stated.then(|| ReferenceSigma::new(sigma_arcsec, scale));
         let mut spacings: Vec<f64> = rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
         let spacing_s = median(&mut spacings);
         let has_gaps = !reference.gaps_s().is_empty();
-        let is_exact = sigma_arcsec.max() < EXACT_ARCSEC && spacing_s <= MAX_SPACING_S && !has_gaps;
+        let is_exact = largest < EXACT_ARCSEC && spacing_s <= MAX_SPACING_S && !has_gaps;
         if is_exact || rows.len() <= 2 * REACH_ROWS {
-            return None;
+            return (stated, None);
         }
         smooth(&mut rows);
-        let limits: [f64; 3] = std::array::from_fn(|axis| {
-            let mut sizes: Vec<f64> = rows.iter().map(|row| row.departure()[axis].abs()).collect();
-            GLITCH_SIGMAS * (median(&mut sizes) / MEDIAN_OF_NORMAL).max(EXACT_ARCSEC)
+        let scatter: [f64; 3] = std::array::from_fn(|axis| {
+            let mut sizes: Vec<f64> = rows.iter().map(|row| row.departure()[axis].abs() / row.sigma[axis]).collect();
+            median(&mut sizes) / MEDIAN_OF_NORMAL
         });
         for row in &mut rows {
             let departure = row.departure();
-            row.is_used = (0..3).all(|axis| departure[axis].abs() <= limits[axis]);
+            let limit = |axis: usize| GLITCH_SIGMAS * (scatter[axis] * row.sigma[axis]).max(EXACT_ARCSEC);
+            row.is_used = (0..3).all(|axis| departure[axis].abs() <= limit(axis));
         }
         smooth(&mut rows);
+        let ones = Vector3::repeat(1.0);
+        let mean = mean_weights(rows.iter().filter(|row| row.is_used)).unwrap_or(ones);
+        let sigma_arcsec = scale.component_div(&mean.map(f64::sqrt));
+        let variance = |block: usize| {
+            let own = mean_weights(of_block(&rows, &counts.node_s, block));
+            own.map_or(ones, |own| mean.component_div(&own))
+        };
+        let variances: Vec<Vector3<f64>> = (0..blocks).map(variance).collect();
         let mut place = 0;
         let relative = |t_s: f64| {
             while place + 2 < rows.len() && rows[place + 1].t_s < t_s {
@@ -115,13 +138,14 @@ impl SmoothedReference {
         let smoothed = attitudes.iter().zip(relative).map(|(gyros, relative)| turn(relative) * gyros);
         let angles = accumulated(smoothed);
         let scale_factors = calibrations.map(|calibration| calibration.scale_factor);
-        Some(SmoothedReference {
-            motion: recorded(&counts.node_s, &angles, reference)?,
+        let smoothed = recorded(&counts.node_s, &angles, reference).map(|motion| SmoothedReference {
+            motion,
             departure: departures(&rows, &counts.node_s, blocks, &matrix, scale_factors),
-            walk: walk(&angles, blocks, &matrix, scale_factors, sigma_arcsec * (spacing_s / BLOCK_S).sqrt()),
-            sigma_arcsec,
+            walk: walk(&angles, &variances, &matrix, scale_factors, sigma_arcsec * (spacing_s / BLOCK_S).sqrt()),
+            white_scale: white_scale(&variances, &matrix, sigma_arcsec),
             glitches_s: rows.iter().filter(|row| !row.is_used).map(|row| row.t_s).collect(),
-        })
+        });
+        (stated, smoothed)
     }
 }
 
@@ -157,12 +181,14 @@ fn rows(
     turned: &[Vector3<f64>],
     attitudes: &[UnitQuaternion<f64>],
     reference: &RecordedAttitude,
+    sigma_arcsec: &[[f64; 3]],
 ) -> Option<Vec<Row>> {
     let gyros = recorded(&counts.node_s, turned, reference)?;
     let (first_s, last_s) = (gyros.start_s(), gyros.end_s());
     let (mut near, mut before) = (0, None);
-    let within = reference.rows().filter(|(t_s, _)| (first_s..=last_s).contains(t_s));
-    let row = |(t_s, angle): (f64, [f64; 3])| {
+    let within = reference.rows().enumerate().filter(|(_, (t_s, _))| (first_s..=last_s).contains(t_s));
+    let row = |(number, (t_s, angle)): (usize, (f64, [f64; 3]))| {
+        let sigma = sigma_arcsec.get(number).map_or(Vector3::repeat(1.0), |own| with_rounding((*own).into()));
         let angle = Vector3::from(angle);
         let node = counts.node_s.partition_point(|node_s| *node_s <= t_s).saturating_sub(1);
         let since = Vector3::from(gyros.at(t_s, &mut near).0) + turned[0] - turned[node];
@@ -174,16 +200,16 @@ fn rows(
         before = Some((angle, attitude, absolute));
         let [beyond_arcsec, relative_arcsec] =
             [beyond, absolute * attitude.inverse()].map(|turn| turn.scaled_axis() * ARCSEC_PER_RAD);
-        Row { t_s, attitude, beyond_arcsec, relative_arcsec, smooth_arcsec: Vector3::zeros(), is_used: true }
+        Row { t_s, attitude, beyond_arcsec, relative_arcsec, smooth_arcsec: Vector3::zeros(), sigma, is_used: true }
     };
     Some(within.map(row).collect())
 }
 
 /// Growth of each gyro's angle over each block by noise of the attitude of which the sigma about each axis is `sigma_arcsec`, averaged
-/// over a block: the noise times the turn, without the part about the gyro's own axis.
+/// over a block, and its variance in each block `relative` to that: the noise times the turn, without the part about the gyro's own axis.
 fn walk(
     angles: &[Vector3<f64>],
-    blocks: usize,
+    relative: &[Vector3<f64>],
     matrix: &Matrix4x3<f64>,
     scale_factors: [f64; TIMING],
     sigma_arcsec: Vector3<f64>,
@@ -193,9 +219,19 @@ fn walk(
         let of_block = |block: usize| {
             let nodes = nodes(block);
             let turn_rad = (angles[nodes.end - 1] - angles[nodes.start - 1]) / ARCSEC_PER_RAD;
+            let sigma_arcsec = sigma_arcsec.component_mul(&relative[block].map(f64::sqrt));
             axis.cross(&turn_rad).component_mul(&sigma_arcsec) / scale_factors[gyro]
         };
-        (0..blocks).map(of_block).collect()
+        (0..relative.len()).map(of_block).collect()
+    })
+}
+
+/// Variance of the noise of the reference about each gyro's axis in each block, relative to that of rows of the mean weight.
+fn white_scale(relative: &[Vector3<f64>], matrix: &Matrix4x3<f64>, sigma_arcsec: Vector3<f64>) -> [Vec<f64>; TIMING] {
+    std::array::from_fn(|gyro| {
+        let shares = matrix.row(gyro).transpose().component_mul(&sigma_arcsec).map(|share| share * share);
+        let of_block = |own: &Vector3<f64>| if shares.sum() > 0.0 { own.dot(&shares) / shares.sum() } else { 1.0 };
+        relative.iter().map(of_block).collect()
     })
 }
 
@@ -263,15 +299,18 @@ fn recorded(node_s: &[f64], angles: &[Vector3<f64>], reference: &RecordedAttitud
     RecordedAttitude::new(&rows).ok()
 }
 
-/// Sigma of a row about a control axis from the median of the second differences.
+/// Sigma of a row about a control axis from the median of the second differences, as a multiple of the stated one.
 fn second_difference_sigma(rows: &[Row], axis: usize) -> f64 {
-    let steps = rows.get(1..).unwrap_or_default();
-    let difference = |pair: &[Row]| (pair[1].beyond_arcsec[axis] - pair[0].beyond_arcsec[axis]).abs();
-    let mut sizes: Vec<f64> = steps.windows(2).map(difference).collect();
+    let difference = |of: &[Row]| {
+        let [first, middle, last] = [0, 1, 2].map(|row| of[row].sigma[axis].powi(2));
+        let stated = ((first + 4.0 * middle + last) / 6.0).sqrt();
+        (of[2].beyond_arcsec[axis] - of[1].beyond_arcsec[axis]).abs() / stated
+    };
+    let mut sizes: Vec<f64> = rows.windows(3).map(difference).collect();
     median(&mut sizes) / MEDIAN_OF_NORMAL / 6f64.sqrt()
 }
 
-/// Smooths the relative attitude by a straight line through the neighbours of each row.
+/// Smooths the relative attitude by a straight line through the neighbours of each row, with their weights by the mean variance.
 fn smooth(rows: &mut [Row]) {
     let line = |own: usize| -> Vector3<f64> {
         let at_s = rows[own].t_s;
@@ -280,15 +319,15 @@ fn smooth(rows: &mut [Row]) {
         let mut sums = [0.0; 3];
         let (mut value, mut slope) = (Vector3::zeros(), Vector3::zeros());
         for row in rows[from..to].iter().filter(|row| row.is_used) {
-            let t = row.t_s - at_s;
-            sums.iter_mut().zip([1.0, t, t * t]).for_each(|(sum, value)| *sum += value);
-            value += row.relative_arcsec;
-            slope += row.relative_arcsec * t;
+            let (t, weight) = (row.t_s - at_s, 3.0 / row.sigma.norm_squared());
+            sums.iter_mut().zip([1.0, t, t * t]).for_each(|(sum, value)| *sum += value * weight);
+            value += row.relative_arcsec * weight;
+            slope += row.relative_arcsec * (t * weight);
         }
         let determinant = sums[0] * sums[2] - sums[1] * sums[1];
         match determinant > 0.0 {
             true => (value * sums[2] - slope * sums[1]) / determinant,
-            false => value / f64::max(sums[0], 1.0),
+            false => value / f64::max(sums[0], f64::MIN_POSITIVE),
         }
     };
     let smooth: Vec<Vector3<f64>> = (0..rows.len()).map(line).collect();
@@ -304,7 +343,20 @@ fn cubic(angles: &[Vector3<f64>], node: usize) -> Vector3<f64> {
     own + near.iter().zip(CUBIC).map(|(angle, weight)| (angle - own) * weight).sum::<Vector3<f64>>()
 }
 
-/// Mean departure of the used rows of each block from the smoothed difference, in counts.
+/// Used rows of a block.
+fn of_block<'a>(rows: &'a [Row], node_s: &[f64], block: usize) -> impl Iterator<Item = &'a Row> + Clone {
+    let nodes = nodes(block);
+    let [from, to] = [nodes.start, nodes.end].map(|node| rows.partition_point(|row| row.t_s <= node_s[node - 1]));
+    rows[from..to].iter().filter(|row| row.is_used)
+}
+
+/// Mean weight of rows about each control axis; `None` without rows.
+fn mean_weights<'a>(rows: impl Iterator<Item = &'a Row> + Clone) -> Option<Vector3<f64>> {
+    let count = rows.clone().count();
+    (count > 0).then(|| rows.map(Row::weights).sum::<Vector3<f64>>() / count as f64)
+}
+
+/// Mean departure of the used rows of each block from the smoothed difference, with their weights, in counts.
 fn departures(
     rows: &[Row],
     node_s: &[f64],
@@ -312,15 +364,37 @@ fn departures(
     matrix: &Matrix4x3<f64>,
     scale_factors: [f64; TIMING],
 ) -> Vec<Option<[f64; TIMING]>> {
-    let of_block = |block: usize| {
-        let nodes = nodes(block);
-        let (from_s, to_s) = (node_s[nodes.start - 1], node_s[nodes.end - 1]);
-        let from = rows.partition_point(|row| row.t_s <= from_s);
-        let to = rows.partition_point(|row| row.t_s <= to_s);
-        let own = || rows[from..to].iter().filter(|row| row.is_used);
-        let mean = own().map(Row::departure).sum::<Vector3<f64>>() / own().count() as f64;
-        let sensed = matrix * mean;
-        (own().count() > 0).then(|| std::array::from_fn(|gyro| sensed[gyro] / scale_factors[gyro]))
+    let departure = |block: usize| {
+        let own = of_block(rows, node_s, block);
+        let weight = mean_weights(own.clone())? * own.clone().count() as f64;
+        let weighted = own.map(|row| row.departure().component_mul(&row.weights())).sum::<Vector3<f64>>();
+        let sensed = matrix * weighted.component_div(&weight);
+        Some(std::array::from_fn(|gyro| sensed[gyro] / scale_factors[gyro]))
     };
-    (0..blocks).map(of_block).collect()
+    (0..blocks).map(departure).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_noisy_row_that_states_its_sigma_moves_neither_line_nor_average() {
+        let row = |number: usize| Row {
+            t_s: number as f64,
+            attitude: UnitQuaternion::identity(),
+            relative_arcsec: Vector3::repeat(if number == 12 { 90.0 } else { 0.0 }),
+            sigma: Vector3::repeat(if number == 12 { 30.0 } else { 1.0 }),
+            beyond_arcsec: Vector3::zeros(),
+            smooth_arcsec: Vector3::zeros(),
+            is_used: true,
+        };
+        let mut rows: Vec<Row> = (0..25).map(row).collect();
+        smooth(&mut rows);
+        // A 900th of the weight of each of 24.
+        assert!(rows.iter().all(|row| row.smooth_arcsec.amax() < 90.0 / 900.0 / 24.0 * 1.1));
+        let node_s: Vec<f64> = (0..=40).map(|node| f64::from(node) * SAMPLE_INTERVAL_S).collect();
+        let departures = departures(&rows, &node_s, 4, &Matrix4x3::repeat(1.0 / 3.0), [1.0; TIMING]);
+        assert!(departures[2].expect("rows")[0].abs() < 90.0 / 900.0 / 4.0 * 1.1);
+    }
 }

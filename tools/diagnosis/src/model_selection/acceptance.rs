@@ -3,8 +3,9 @@
 use geu_model::Configuration;
 use rayon::prelude::*;
 
+use crate::diagnosis_case::DiagnosisCase;
 use crate::measured::TIMING;
-use crate::model_state::{DiagnosisCase, ModelState};
+use crate::model_state::ModelState;
 use crate::normal_equations::NormalEquations;
 use crate::null_distribution::Thresholds;
 use crate::search::{Candidate, search};

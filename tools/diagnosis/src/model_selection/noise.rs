@@ -2,8 +2,9 @@
 
 use rayon::prelude::*;
 
+use crate::diagnosis_case::DiagnosisCase;
 use crate::measured::{CHANNELS, TIMING};
-use crate::model_state::{DiagnosisCase, ModelState};
+use crate::model_state::ModelState;
 use crate::noise::{self, Walk};
 use crate::null_distribution::Thresholds;
 use crate::signature_bank::HypothesisFamily;

@@ -3,7 +3,9 @@
 use geu_model::parameter_spec::Role;
 
 use crate::courses::SHORTEST_S;
-use crate::model_state::{DiagnosisCase, FittedHypothesis, ModelState};
+use crate::diagnosis_case::DiagnosisCase;
+use crate::fitted_hypothesis::FittedHypothesis;
+use crate::model_state::ModelState;
 use crate::normal_equations::{NormalEquations, THIRDS};
 use crate::null_distribution::Thresholds;
 use crate::search::{SHAPE_CHI2, passes_cross_validation};

@@ -3,8 +3,10 @@
 use geu_model::Configuration;
 use geu_model::parameter_spec::{ParameterSpec, Role};
 
+use crate::diagnosis_case::DiagnosisCase;
+use crate::fitted_hypothesis::FittedHypothesis;
 use crate::measured::{CHANNELS, TIMING};
-use crate::model_state::{DiagnosisCase, FittedHypothesis, ModelState};
+use crate::model_state::ModelState;
 use crate::noise::{FittedNoise, Walk};
 use crate::normal_equations::NormalEquations;
 use crate::null_distribution::Thresholds;
@@ -102,8 +104,18 @@ impl SelectedModel {
             + FURTHER_WALK_CHI2 * self.noise.len().saturating_sub(1) as f64;
         let (residual, calibration) = (case.residual(&self.state), &self.state.calibration);
         let normal = NormalEquations::new(case.whitenings(noise), &residual, &case.nuisances, calibration);
+        normal.deviance() + self.penalties() + walks
+    }
+
+    /// χ² plus all penalties, at the noise of the state.
+    pub(super) fn penalised_chi2(&self) -> f64 {
+        self.normal.squares() + self.penalties()
+    }
+
+    /// Penalties of the hypotheses, of the shapes of their time courses and of the temperature lag.
+    fn penalties(&self) -> f64 {
         let penalty = |held: &FittedHypothesis| held.penalty + shape_penalty(&held.hypothesis);
-        normal.deviance() + self.state.held.iter().map(penalty).sum::<f64>() + lag_chi2(&self.state) + walks
+        self.state.held.iter().map(penalty).sum::<f64>() + lag_chi2(&self.state)
     }
 
     /// True if a time course ends or decays.

@@ -1,0 +1,266 @@
+//! A diagnosis of a recording, and the common fit of calibration parameters, lag and hypotheses to it, by Gauss–Newton steps. Each step
+//! runs the model from the start.
+
+use std::sync::Arc;
+
+use geu_model::Configuration;
+use geu_model::parameter_spec::Role;
+use rayon::prelude::*;
+
+use crate::calibration_signatures::{nuisances, on_grid};
+use crate::fitted_hypothesis::FittedHypothesis;
+use crate::linear_signatures::LinearSignatures;
+use crate::measured::{CHANNELS, MeasuredData, Series, Shifts};
+use crate::model_state::ModelState;
+use crate::normal_equations::{NormalEquations, Nuisance};
+use crate::recent::Recent;
+use crate::rounding::{Rounding, rounding};
+use crate::whitening::{NoiseModel, Whitening};
+use geu_hypothesis::amplitude::calibration_parameters;
+
+/// Maximum number of Gauss–Newton steps; each runs the model once for every free parameter.
+const STEPS: usize = 6;
+/// A fit has converged if a step reduces χ² by less.
+const CONVERGED: f64 = 0.01;
+/// Maximum relative difference between actual and predicted χ² reduction of a linear model.
+const LINEAR: f64 = 0.02;
+/// Maximum number of halvings of a step.
+const HALVINGS: usize = 5;
+
+/// Constant inputs of a diagnosis.
+pub struct DiagnosisCase<'a> {
+    /// The recording.
+    pub measured: &'a MeasuredData,
+    /// The input configuration.
+    pub nominal: &'a Configuration,
+    /// Signatures of the calibration parameters and of the lag.
+    pub nuisances: Vec<Nuisance>,
+    /// Values of these at which the signatures were run; the grid of runs contains them.
+    pub origin: Vec<f64>,
+    /// Rounding along the model's path.
+    pub rounding: Arc<Rounding>,
+    /// Signatures that a fit computes without runs.
+    pub linear: LinearSignatures,
+    /// Fits that recur.
+    pub fits: Recent<ModelState>,
+}
+
+impl<'a> DiagnosisCase<'a> {
+    /// Runs the model for the signatures of the calibration parameters and of a common lag.
+    pub fn new(measured: &'a MeasuredData, nominal: &'a Configuration) -> DiagnosisCase<'a> {
+        let shifts = Shifts::default();
+        let nuisances = nuisances(measured, nominal, shifts);
+        let rounding = Arc::new(rounding(measured, &measured.run(nominal, shifts)));
+        let origin = vec![0.0; nuisances.len()];
+        let (linear, fits) = Default::default();
+        DiagnosisCase { measured, nominal, nuisances, origin, rounding, linear, fits }
+    }
+
+    /// Takes signatures and rounding along the path of a state; returns the path.
+    pub fn set_origin(&mut self, state: &ModelState) -> Series {
+        self.nuisances = nuisances(self.measured, &state.configuration(self.nominal), state.shifts);
+        self.origin = state.nuisances();
+        let path = self.run(state);
+        self.rounding = Arc::new(rounding(self.measured, &path));
+        self.fits = Recent::default();
+        path
+    }
+
+    /// The configuration with another recording of the same motion, and only the calibration parameters as nuisances.
+    pub fn of_calibration<'b>(&self, measured: &'b MeasuredData) -> DiagnosisCase<'b>
+    where
+        'a: 'b,
+    {
+        let (mut nuisances, origin, rounding) = match std::ptr::eq(measured, self.measured) {
+            true => (self.nuisances.clone(), self.origin.clone(), self.rounding.clone()),
+            false => {
+                let other = DiagnosisCase::new(measured, self.nominal);
+                (other.nuisances, other.origin, other.rounding)
+            }
+        };
+        nuisances.truncate(calibration_parameters().len());
+        let (nominal, linear, fits) = (self.nominal, LinearSignatures::default(), Recent::default());
+        DiagnosisCase { measured, nominal, nuisances, origin, rounding, linear, fits }
+    }
+
+    /// The initial state.
+    pub fn start(&self, noise: [NoiseModel; CHANNELS]) -> ModelState {
+        let count = self.nuisances.len() - 1;
+        ModelState {
+            calibration: vec![0.0; count],
+            calibration_sigmas: vec![f64::NAN; count],
+            shifts: Shifts::default(),
+            lag_sigma_s: f64::NAN,
+            held: Vec::new(),
+            noise,
+        }
+    }
+
+    /// Runs the model of a state.
+    pub fn run(&self, state: &ModelState) -> Series {
+        self.measured.run(&state.configuration(self.nominal), state.shifts)
+    }
+
+    /// Block averages of the residual of a state.
+    pub fn residual(&self, state: &ModelState) -> Series {
+        self.measured.residual(&self.run(state))
+    }
+
+    /// Whitening filters of a noise.
+    pub fn whitenings(&self, noise: &[NoiseModel; CHANNELS]) -> [Whitening; CHANNELS] {
+        std::array::from_fn(|channel| {
+            Whitening::new(&noise[channel], &self.measured.blocks[channel], &self.rounding[channel])
+        })
+    }
+
+    /// The residual, and the signatures of all fitted parameters: nuisances, then the free parameters. Missing signatures are run and
+    /// kept in the state.
+    pub fn linearised(&self, state: &mut ModelState) -> (Series, Vec<Nuisance>) {
+        let on_grid = self.on_grid(state);
+        let from = self.run(&on_grid);
+        let missing = |held: usize| {
+            let own = &on_grid.held[held];
+            let free = (0..own.is_free.len()).into_par_iter().filter(|&index| own.is_free[index]);
+            let run = || Arc::new(free.map(|index| self.column(&on_grid, &from, held, index)).collect());
+            own.columns.clone().unwrap_or_else(run)
+        };
+        let columns: Vec<Arc<Vec<Nuisance>>> = (0..state.held.len()).into_par_iter().map(missing).collect();
+        for (held, columns) in state.held.iter_mut().zip(columns) {
+            held.columns = Some(columns);
+        }
+        let of_held = state.held.iter().filter_map(|held| held.columns.as_deref()).flatten();
+        let mut residual = self.measured.residual(&from);
+        self.subtract_rest(&mut residual, state, &on_grid);
+        (residual, self.nuisances.iter().chain(of_held).cloned().collect())
+    }
+
+    /// The state at the next calibration parameters and lag of the grid.
+    fn on_grid(&self, state: &ModelState) -> ModelState {
+        let mut values = on_grid(&state.nuisances(), &self.origin);
+        let lag_s = values.pop().unwrap_or_default();
+        ModelState { calibration: values, shifts: Shifts { lag_s, ..state.shifts }, ..state.clone() }
+    }
+
+    /// Takes from a residual at the grid what the state's own calibration parameters and lag add to the model.
+    fn subtract_rest(&self, residual: &mut Series, state: &ModelState, on_grid: &ModelState) {
+        let rests = state.nuisances().into_iter().zip(on_grid.nuisances()).map(|(own, on_grid)| own - on_grid);
+        for (nuisance, rest) in self.nuisances.iter().zip(rests) {
+            for channel in 0..CHANNELS {
+                let blocks = self.measured.blocks[channel].iter();
+                for ((value, added), block) in
+                    residual[channel].iter_mut().zip(nuisance[channel].iter().flatten()).zip(blocks)
+                {
+                    *value -= if block.is_compared { rest * added } else { 0.0 };
+                }
+            }
+        }
+    }
+
+    /// Signature of one parameter of a hypothesis.
+    fn column(&self, state: &ModelState, from: &Series, held: usize, index: usize) -> Nuisance {
+        let hypothesis = &state.held[held].hypothesis;
+        let computed = self.linear.column(self.measured, self.nominal, hypothesis, index, state.shifts.temperature_s);
+        if let Some(column) = computed {
+            return column;
+        }
+        let parameter = &hypothesis.parameters()[index];
+        let mut step = parameter.step();
+        if parameter.value + step > parameter.max {
+            step = -step;
+        }
+        let mut moved = state.clone();
+        moved.held[held].hypothesis.set(index, parameter.value + step);
+        let run = self.run(&moved);
+        self.measured.difference(&run, from).map(|values| {
+            let any = values.iter().any(|&value| value != 0.0);
+            any.then(|| values.into_iter().map(|value| value / step).collect())
+        })
+    }
+
+    /// Signature of the amplitude of a hypothesis, per unit, at its current parameters.
+    pub fn signature(&self, state: &ModelState, held: usize) -> Nuisance {
+        let on_grid = self.on_grid(state);
+        self.column(&on_grid, &self.run(&on_grid), held, 0)
+    }
+
+    /// Normal equations at a state.
+    pub fn normal(&self, state: &mut ModelState) -> NormalEquations {
+        let (residual, columns) = self.linearised(state);
+        NormalEquations::new(self.whitenings(&state.noise), &residual, &columns, &state.calibration)
+    }
+
+    /// Normal equations at a state without one hypothesis, at the same lag.
+    pub fn normal_without(&self, state: &ModelState, index: usize) -> NormalEquations {
+        let mut others = state.clone();
+        others.held.remove(index);
+        self.normal(&mut others)
+    }
+
+    /// Fits all free parameters; returns the normal equations at the end.
+    pub fn fit(&self, state: &mut ModelState) -> NormalEquations {
+        let key = state.key();
+        if let Some(known) = self.fits.find(key) {
+            *state = known;
+            return self.normal(state);
+        }
+        let normal = self.fit_anew(state);
+        self.fits.keep(key, state);
+        normal
+    }
+
+    fn fit_anew(&self, state: &mut ModelState) -> NormalEquations {
+        let mut normal = self.normal(state);
+        for _ in 0..STEPS {
+            let (solution, _) = normal.solution();
+            let predicted = normal.squares() - normal.chi2();
+            if predicted < CONVERGED {
+                break;
+            }
+            let halved = |halving: usize| {
+                let mut tried = state.moved(&(&solution * 0.5f64.powi(halving as i32)));
+                let tried_normal = self.normal(&mut tried);
+                (tried_normal.squares() <= normal.squares()).then_some((tried, tried_normal))
+            };
+            let Some((tried, tried_normal)) = (0..HALVINGS).find_map(halved) else {
+                if self.fit_without_onsets(state, &normal) {
+                    normal = self.normal(state);
+                }
+                break;
+            };
+            let fall = normal.squares() - tried_normal.squares();
+            (*state, normal) = (tried, tried_normal);
+            let error = (fall - predicted).abs();
+            if error < CONVERGED.max(LINEAR * predicted) && normal.squares() - normal.chi2() < CONVERGED {
+                break;
+            }
+            if error > LINEAR * predicted {
+                state.held.iter_mut().for_each(FittedHypothesis::invalidate);
+                normal = self.normal(state);
+            }
+        }
+        state.set_sigmas(&normal.solution().1);
+        normal
+    }
+
+    /// Fits the parameters without onsets and durations: between two motions these have no signature, and their arbitrary step spoils that
+    /// of the others. Returns true if χ² has fallen.
+    fn fit_without_onsets(&self, state: &mut ModelState, normal: &NormalEquations) -> bool {
+        let mut tried = state.clone();
+        for held in &mut tried.held {
+            for (index, parameter) in held.hypothesis.parameters().iter().enumerate() {
+                if held.is_free[index] && matches!(parameter.role, Role::Onset | Role::Duration) {
+                    held.fix(index, parameter.value);
+                }
+            }
+        }
+        if tried.free() == state.free() || self.fit(&mut tried).squares() >= normal.squares() {
+            return false;
+        }
+        for (held, before) in tried.held.iter_mut().zip(&state.held) {
+            held.is_free.clone_from(&before.is_free);
+            held.invalidate();
+        }
+        *state = tried;
+        true
+    }
+}
