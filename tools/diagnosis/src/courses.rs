@@ -15,10 +15,10 @@ use geu_model::units::S_PER_H;
 use crate::measured::{BLOCK_S, MeasuredData};
 use geu_hypothesis::amplitude::STEP;
 
-/// Shortest searched time constant or period, in blocks: shorter ones average out.
+/// Shortest searched time constant, duration or quarter period, in blocks: shorter ones average out.
 pub const SHORTEST_BLOCKS: f64 = 6.0;
-/// That time constant, s.
-pub const SHORTEST_S: f64 = SHORTEST_BLOCKS * BLOCK_S;
+/// That, s.
+const SHORTEST_S: f64 = SHORTEST_BLOCKS * BLOCK_S;
 /// Quarter periods in the recording: of the shortest searched period; the longest has two.
 const QUARTER_TURNS: usize = 64;
 /// Searched onsets of permanent effects.
@@ -108,6 +108,11 @@ pub fn pulse_onsets_s(variation: &Variation) -> Option<[f64; 2]> {
     let at = |role: Role| COURSES[*kind].shapes.iter().position(|number| number.role == role);
     let (onset_s, duration_s) = (shapes[at(Role::Onset)?], shapes[at(Role::Duration)?]);
     Some([onset_s, onset_s + duration_s])
+}
+
+/// The shortest searched value of a time constant or of a duration; `None` for other shape parameters.
+pub fn shortest_s(role: Role) -> Option<f64> {
+    matches!(role, Role::TimeConstant | Role::Duration).then_some(SHORTEST_S)
 }
 
 /// True if a shape parameter is an onset.
@@ -212,7 +217,7 @@ impl Courses {
             // A period.
             _ => (2..=QUARTER_TURNS)
                 .map(|quarter_turns| 4.0 * duration_s / quarter_turns as f64)
-                .filter(|&period_s| period_s >= 4.0 * SHORTEST_BLOCKS * BLOCK_S)
+                .filter(|&period_s| period_s >= 4.0 * SHORTEST_S)
                 .collect(),
         }
     }

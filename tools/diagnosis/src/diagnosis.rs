@@ -20,11 +20,12 @@ use crate::outcome::{Class, DiagnosedEffect, Diagnosis, Gaps, Verdict};
 use crate::report::admission::{self, refuse};
 use crate::residual_map::residual_maps;
 use crate::residual_stats::{ResidualStats, residual, windowed};
+use crate::shares::Shares;
 use crate::solution::{DiagnosisOptions, Solution};
 use crate::unexplained::unexplained;
 use crate::whiteness::{kurtosis, whiteness_statistic};
 use geu_checks::Finding;
-use geu_checks::{WiringFault, check};
+use geu_checks::check;
 use geu_hypothesis::gyros::{Gyros, is_within};
 
 /// χ² of two degrees of freedom that a walk of constant growth exceeds once in a thousand recordings.
@@ -129,7 +130,14 @@ impl Report<'_> {
         };
         let before = gaps(&as_given, &residuals[0], &given, self.start);
         let after = gaps(case, &residuals[1], &updated, &selected.state);
-        self.shares(&mut entries, before.fitted.squares, shifts);
+        Shares {
+            case,
+            raw: self.raw,
+            state: &selected.state,
+            configuration: &configuration,
+            faults: self.entries.faults,
+        }
+        .set(&mut entries, before.fitted.squares);
         let segments = match self.manoeuvres {
             Some(windows) => motion_segments::listed(measured, windows),
             None => motion_segments::cut(measured),
@@ -213,31 +221,6 @@ impl Report<'_> {
             if without.squares < with.squares && without.reduced_chi2 < with.reduced_chi2 {
                 entries.retain(|entry| !is_own(entry));
             }
-        }
-    }
-
-    /// Sets each entry's share of `whole`: the reduction of the squared residual as the entries are added in order, at the estimated lag.
-    fn shares(&self, entries: &mut [DiagnosedEffect], whole: f64, shifts: Shifts) {
-        let squares = |measured: &MeasuredData, configuration: &Configuration| {
-            let model = measured.run(configuration, shifts);
-            ResidualStats::from_windowed(&windowed(measured, residual(measured, &model))).squares
-        };
-        let Entries { case, faults, .. } = self.entries;
-        let (mut with, mut before) = (case.nominal.clone(), squares(case.measured, case.nominal));
-        // The reduction by the corrected rows is divided among the faults in proportion to their own.
-        let reduction = |fault: &WiringFault| {
-            (fault.without_rms_counts.powi(2) - fault.with_rms_counts.powi(2)) * fault.samples as f64
-        };
-        let all: f64 = faults.iter().map(reduction).sum();
-        let corrected = self.raw.map_or(0.0, |raw| squares(raw, case.nominal) - before);
-        for (entry, fault) in entries.iter_mut().zip(faults) {
-            entry.gap_share = if all > 0.0 { corrected / whole * reduction(fault) / all } else { 0.0 };
-        }
-        for entry in entries.iter_mut().filter(|entry| entry.chi2.is_some()) {
-            entry.corrections.iter().for_each(|correction| correction.apply(&mut with));
-            let now = squares(case.measured, &with);
-            entry.gap_share = if whole > 0.0 { (before - now) / whole } else { 0.0 };
-            before = now;
         }
     }
 }

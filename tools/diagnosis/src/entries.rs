@@ -28,6 +28,8 @@ use geu_hypothesis::gyros::{ALL_GYROS, is_within, only};
 
 /// Sigmas from which a calibration parameter is reported: one false alarm in 1000 recordings of 16 parameters.
 const RECALIBRATED_SIGMAS: f64 = 4.0;
+/// Sigmas, all other parameters known, from which one is reported beside an effect on its gyro: what the effect was fitted with.
+const FITTED_WITH_SIGMAS: f64 = 1.0;
 /// Lag of the link, up to 5 ms (protocol/ICD.md): mean and 1 sigma.
 const LINK_LAG_S: (f64, f64) = (0.0025, 0.0025 / 1.732_050_807_568_877_2);
 /// Minimum cosine between a calibration parameter and the effect that it is.
@@ -230,16 +232,18 @@ impl Entries<'_> {
 
     /// Calibration parameters with a significant correction.
     ///
-    /// Beside an effect on its gyro a parameter counts with its sigma for that effect: the effect was fitted with it, and without it is
-    /// another one.
+    /// Beside an effect on its gyro a parameter counts if all others are known: the effect was fitted with it, and without it is another one.
     pub fn recalibrations(&self, selected: &SelectedModel) -> Vec<DiagnosedEffect> {
         let (state, normal) = (&selected.state, &selected.normal);
         let has_effect = |gyro: usize| state.held.iter().any(|held| held.hypothesis.gyros[gyro]);
         let mut entries: Vec<DiagnosedEffect> = Vec::new();
         for (index, (gyro, number)) in calibration_parameters().into_iter().enumerate() {
             let (moved, sigma) = (state.calibration[index], state.calibration_sigmas[index]);
-            let own_sigma = if has_effect(gyro as usize) { normal.conditional_sigma(index).min(sigma) } else { sigma };
-            if moved.abs() <= RECALIBRATED_SIGMAS * own_sigma || sigma.is_nan() {
+            let (own_sigma, sigmas) = match has_effect(gyro as usize) {
+                true => (normal.conditional_sigma(index).min(sigma), FITTED_WITH_SIGMAS),
+                false => (sigma, RECALIBRATED_SIGMAS),
+            };
+            if moved.abs() <= sigmas * own_sigma || sigma.is_nan() {
                 continue;
             }
             let Some((amplitude, ratio)) = self.constant_effect(&self.case.nuisances[index], false) else { continue };
@@ -259,7 +263,7 @@ impl Entries<'_> {
                 }
                 None => entries.push(DiagnosedEffect {
                     parameters: vec![found],
-                    chi2: Some(Chi2Fall { fall, threshold: RECALIBRATED_SIGMAS.powi(2) }),
+                    chi2: Some(Chi2Fall { fall, threshold: sigmas.powi(2) }),
                     corrections: vec![correction],
                     code,
                     gyros,

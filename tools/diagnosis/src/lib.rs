@@ -5,7 +5,7 @@
 //! - signatures: `courses`, `signature_bank`, `shape_search`;
 //! - statistics: `linear_algebra`, `rounding`, `whitening`, `normal_equations`, `course_products`, `sweep`, `signature`, `linear_signatures`, `spots`, `recent`, `calibration_signatures`, `fitted_hypothesis`, `model_state`, `diagnosis_case` (a fit), `noise`, `whiteness`, `search`, `null_distribution`, `temperature_lag`;
 //! - the selection of hypotheses: `model_selection`, `solution`;
-//! - the report: `residual_map`, `alternatives`, `next_manoeuvre`, `outcome` (types only), `discriminating_test`, `entries`, `cross_validation`, `unexplained`;
+//! - the report: `residual_map`, `alternatives`, `next_manoeuvre`, `outcome` (types only), `discriminating_test`, `entries`, `cross_validation`, `shares`, `unexplained`;
 //! - the whole: `diagnosis`, `report`.
 
 pub mod alternatives;
@@ -36,6 +36,7 @@ pub mod residual_stats;
 pub mod rounding;
 pub mod search;
 mod shape_search;
+mod shares;
 pub mod signature;
 pub mod signature_bank;
 mod small_motions;

@@ -8,6 +8,7 @@ mod planned;
 mod reference_sigma;
 mod series;
 mod smoothed_reference;
+mod smoothing;
 mod temperature;
 
 use geu_checks::median;

@@ -183,7 +183,8 @@ pub struct DiagnosedEffect {
     /// Numbers.
     #[serde(with = "by_name")]
     pub parameters: Vec<EstimatedValue>,
-    /// Fall of the fitted part's summed squared residual when it is added in order, over that of the configuration as given.
+    /// Fall of the fitted part's summed squared residual when it is added in order, the calibration fitted anew, over that of the
+    /// configuration as given.
     #[serde(default)]
     pub gap_share: f64,
     /// `None` if exact checks found it.

@@ -53,6 +53,11 @@ impl ResidualStats {
     }
 }
 
+/// Sum of the squares of usable values.
+pub fn squares_of(values: &[f64]) -> f64 {
+    values.iter().filter(|value| !value.is_nan()).map(|value| value * value).sum()
+}
+
 /// Residual of a model at a gyro and node.
 pub fn residual<'a>(measured: &'a MeasuredData, model: &'a Series) -> impl Fn(usize, usize) -> f64 + 'a {
     |gyro, node| measured.counts.accumulated[gyro][node] - model[gyro][node]

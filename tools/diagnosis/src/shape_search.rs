@@ -3,7 +3,7 @@
 use geu_model::parameter_spec::Role;
 use geu_model::time_profile::COURSES;
 
-use crate::courses::SHORTEST_S;
+use crate::courses::shortest_s;
 use crate::signature_bank::Variation;
 
 /// Number of halvings of the steps.
@@ -49,7 +49,7 @@ pub fn maximise(start: Variation, duration_s: f64, of: &dyn Fn(&Variation) -> f6
                     Role::Phase => f64::INFINITY,
                     _ => 2.01 * duration_s,
                 };
-                let min = if number.role == Role::TimeConstant { SHORTEST_S } else { number.min };
+                let min = shortest_s(number.role).unwrap_or(number.min);
                 let is_inside = (min..=number.max).contains(&tried[index]) && tried[index] < max;
                 let value = if is_inside { of(&Variation::Course { kind, shapes: tried.clone() }) } else { f64::NAN };
                 if value > best {

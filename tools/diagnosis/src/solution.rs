@@ -79,7 +79,7 @@ impl<'a> Solution<'a> {
         let is_loop = correlation(&path) > CLOSED_LOOP;
         let whole = SignatureBank::new(measured, nominal);
         case.linear = LinearSignatures::new(whole.linear());
-        let contains_noise = !has_counts || is_loop || measured.smoothed.is_some();
+        let contains_noise = !has_counts || is_loop;
         let catalogue = if contains_noise { whole.clone().without_small_motions(&path) } else { whole.clone() };
         // In a closed loop the signatures of small motions contain the rounding, and dequantised angles follow one path.
         let has_formulas = has_counts && !is_loop;

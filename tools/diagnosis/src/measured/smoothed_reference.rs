@@ -18,25 +18,19 @@ use geu_model::units::{ARCSEC_PER_RAD, SAMPLE_INTERVAL_S};
 use nalgebra::{Matrix3x4, Matrix4x3, UnitQuaternion, Vector3, Vector4};
 
 use super::reference_sigma::{ReferenceSigma, with_rounding};
+use super::smoothing::{LineSums, Point, REACH_ROWS, without_rounding};
 use super::{BLOCK_S, TIMING, nodes};
 
 /// Spacing of rows up to which an exact reference is used as it is.
 const MAX_SPACING_S: f64 = 1.2 * SAMPLE_INTERVAL_S;
 /// Sigma of a row's angle below which a reference is exact: rounding of the gyros' counts alone shows 0.4.
 const EXACT_ARCSEC: f64 = 0.6;
-/// Reach of the smoothing to either side, and the minimum number of rows: a scale factor that is off turns the difference at the start of a
-/// slew, and noise of 3″ each second leaves a rate of 0.02″/s.
-const REACH_S: f64 = 30.0;
-const REACH_ROWS: usize = 4;
 /// A row farther from the smoothed difference, in sigmas, is a glitch.
 const GLITCH_SIGMAS: f64 = 8.0;
 /// Minimum eigenvalue of the normal matrix of the gyros in use: 1 with a gyro along each axis, the square of a misalignment without.
 const MIN_EIGENVALUE: f64 = 0.5;
 /// Median of the absolute value of a standard normal variable.
 const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_081_7;
-/// Weights of a cubic through seven nodes (Savitzky and Golay): half of the rounding's variance stays, and 94 % of a limit cycle of 5 s.
-const CUBIC: [f64; 7] = [-2.0 / 21.0, 3.0 / 21.0, 6.0 / 21.0, 7.0 / 21.0, 6.0 / 21.0, 3.0 / 21.0, -2.0 / 21.0];
-
 /// A smoothed reference.
 #[derive(Debug)]
 pub struct SmoothedReference {
@@ -92,7 +86,7 @@ impl SmoothedReference {
         let calibrations = nominal.gyros.each_ref().map(|gyro| gyro.calibration);
         let matrix = misalignment_matrix(&calibrations);
         let turned = rotation(counts, reference, &matrix, nominal);
-        let turned: Vec<Vector3<f64>> = (0..turned.len()).map(|node| cubic(&turned, node)).collect();
+        let turned = without_rounding(&turned);
         let attitudes = attitudes(&turned);
         let Some(mut rows) = rows(counts, &turned, &attitudes, reference, sigma_arcsec) else { return (None, None) };
         let scale = Vector3::from_fn(|axis, _| second_difference_sigma(&rows, axis));
@@ -106,7 +100,7 @@ impl SmoothedReference {
         if is_exact || rows.len() <= 2 * REACH_ROWS {
             return (stated, None);
         }
-        smooth(&mut rows);
+        smooth(&mut rows, None);
         let scatter: [f64; 3] = std::array::from_fn(|axis| {
             let mut sizes: Vec<f64> = rows.iter().map(|row| row.departure()[axis].abs() / row.sigma[axis]).collect();
             median(&mut sizes) / MEDIAN_OF_NORMAL
@@ -116,7 +110,7 @@ impl SmoothedReference {
             let limit = |axis: usize| GLITCH_SIGMAS * (scatter[axis] * row.sigma[axis]).max(EXACT_ARCSEC);
             row.is_used = (0..3).all(|axis| departure[axis].abs() <= limit(axis));
         }
-        smooth(&mut rows);
+        smooth(&mut rows, Some(scale));
         let ones = Vector3::repeat(1.0);
         let mean = mean_weights(rows.iter().filter(|row| row.is_used)).unwrap_or(ones);
         let sigma_arcsec = scale.component_div(&mean.map(f64::sqrt));
@@ -310,37 +304,16 @@ fn second_difference_sigma(rows: &[Row], axis: usize) -> f64 {
     median(&mut sizes) / MEDIAN_OF_NORMAL / 6f64.sqrt()
 }
 
-/// Smooths the relative attitude by a straight line through the neighbours of each row, with their weights by the mean variance.
-fn smooth(rows: &mut [Row]) {
-    let line = |own: usize| -> Vector3<f64> {
-        let at_s = rows[own].t_s;
-        let from = rows.partition_point(|row| row.t_s < at_s - REACH_S).min(own.saturating_sub(REACH_ROWS));
-        let to = rows.partition_point(|row| row.t_s <= at_s + REACH_S).max(own + 1 + REACH_ROWS).min(rows.len());
-        let mut sums = [0.0; 3];
-        let (mut value, mut slope) = (Vector3::zeros(), Vector3::zeros());
-        for row in rows[from..to].iter().filter(|row| row.is_used) {
-            let (t, weight) = (row.t_s - at_s, 3.0 / row.sigma.norm_squared());
-            sums.iter_mut().zip([1.0, t, t * t]).for_each(|(sum, value)| *sum += value * weight);
-            value += row.relative_arcsec * weight;
-            slope += row.relative_arcsec * (t * weight);
-        }
-        let determinant = sums[0] * sums[2] - sums[1] * sums[1];
-        match determinant > 0.0 {
-            true => (value * sums[2] - slope * sums[1]) / determinant,
-            false => value / f64::max(sums[0], f64::MIN_POSITIVE),
-        }
-    };
-    let smooth: Vec<Vector3<f64>> = (0..rows.len()).map(line).collect();
-    rows.iter_mut().zip(smooth).for_each(|(row, smooth)| row.smooth_arcsec = smooth);
-}
-
-/// The angle at a node by the cubic through its neighbours; at the ends as it is.
-fn cubic(angles: &[Vector3<f64>], node: usize) -> Vector3<f64> {
-    let reach = CUBIC.len() / 2;
-    let own = angles[node];
-    let Some(near) = node.checked_sub(reach).and_then(|from| angles.get(from..=node + reach)) else { return own };
-    // Relative to the node, where the sum loses no digits.
-    own + near.iter().zip(CUBIC).map(|(angle, weight)| (angle - own) * weight).sum::<Vector3<f64>>()
+/// Smooths the relative attitude by straight lines through the neighbours of each row; the reach of the lines follows from the noise of a
+/// row, or is the shortest one.
+fn smooth(rows: &mut [Row], sigma_arcsec: Option<Vector3<f64>>) {
+    let used = rows.iter().filter(|row| row.is_used);
+    let points =
+        used.map(|row| Point { t_s: row.t_s, value: row.relative_arcsec, weight: 3.0 / row.sigma.norm_squared() });
+    let sums = LineSums::new(points);
+    for row in rows {
+        row.smooth_arcsec = sums.smooth(row.t_s, sigma_arcsec);
+    }
 }
 
 /// Used rows of a block.
@@ -390,7 +363,7 @@ mod tests {
             is_used: true,
         };
         let mut rows: Vec<Row> = (0..25).map(row).collect();
-        smooth(&mut rows);
+        smooth(&mut rows, None);
         // A 900th of the weight of each of 24.
         assert!(rows.iter().all(|row| row.smooth_arcsec.amax() < 90.0 / 900.0 / 24.0 * 1.1));
         let node_s: Vec<f64> = (0..=40).map(|node| f64::from(node) * SAMPLE_INTERVAL_S).collect();

@@ -2,7 +2,7 @@
 
 use geu_model::parameter_spec::Role;
 
-use crate::courses::SHORTEST_S;
+use crate::courses::shortest_s;
 use crate::diagnosis_case::DiagnosisCase;
 use crate::fitted_hypothesis::FittedHypothesis;
 use crate::model_state::ModelState;
@@ -52,8 +52,8 @@ fn is_determined(held: &FittedHypothesis) -> bool {
     held.hypothesis.value.abs() > AMPLITUDE_SIGMAS * held.sigmas[0]
 }
 
-/// True if the parameters are within their limits, the amplitude exceeds its sigma, a number of counts is whole, and a course does not
-/// settle faster than any that is searched.
+/// True if the parameters are within their limits, the amplitude exceeds its sigma, a number of counts is whole, and a course neither
+/// settles nor ends faster than any that is searched.
 pub(super) fn is_possible(held: &FittedHypothesis) -> bool {
     let size = &held.hypothesis.parameters()[0];
     let is_whole = size.role != Role::Count || {
@@ -61,7 +61,7 @@ pub(super) fn is_possible(held: &FittedHypothesis) -> bool {
         size.value.round() != 0.0 && off <= WHOLE_SIGMAS * held.sigmas[0].max(0.01)
     };
     let mut shapes = held.hypothesis.amplitude.course_shapes().iter().zip(&held.hypothesis.course_shapes);
-    let is_slow = shapes.all(|(number, value)| number.role != Role::TimeConstant || *value >= SHORTEST_S);
+    let is_slow = shapes.all(|(number, value)| shortest_s(number.role).is_none_or(|shortest_s| *value >= shortest_s));
     is_whole && is_slow && is_determined(held) && held.hypothesis.is_within_limits() && held.sigmas[0].is_finite()
 }
 
