@@ -3,6 +3,7 @@
 //! An alternative that explains the data nearly as well is not distinguishable by them: both belong to one ambiguity group. The whitened
 //! cosine of the signatures gives their similarity on this motion.
 
+use geu_model::parameter_spec::{ParameterSpec, Role};
 use rayon::prelude::*;
 
 use crate::diagnosis_case::DiagnosisCase;
@@ -29,7 +30,7 @@ pub const AMBIGUITY_CHI2: f64 = 9.0;
 /// Difference of χ² below which another time course with shape parameters is fitted by the model before it is excluded: signatures
 /// have shape parameters on a grid only. Time courses of a nonlinear amplitude are fitted at any difference.
 const NEAR_CHI2: f64 = 30.0;
-/// Maximum number of such fits.
+/// Maximum number of such fits of a linear amplitude.
 const FITTED: usize = 3;
 
 /// A hypothesis in place of another.
@@ -95,22 +96,30 @@ pub fn alternatives(
                 && other.delta_chi2 > AMBIGUITY_CHI2
                 && other.delta_chi2 < other.reach_chi2
         };
-        let near: Vec<&mut Alternative> = all.iter_mut().filter(is_near).take(FITTED).collect();
+        let (nonlinear, linear): (Vec<_>, Vec<_>) =
+            all.iter_mut().filter(is_near).partition(|other| other.reach_chi2 == f64::INFINITY);
+        let near = nonlinear.into_iter().chain(linear.into_iter().take(FITTED)).collect::<Vec<_>>();
         near.into_par_iter().for_each(|other| {
-            // With the same shape parameters fitted.
-            let mut held = FittedHypothesis::new(other.hypothesis.clone());
-            (1..=other.hypothesis.own_shapes.len())
-                .filter(|&shape| found.is_free[shape])
-                .for_each(|shape| held.free(shape));
-            let mut instead = others.clone();
-            instead.held.insert(index, held);
-            let chi2 = case.fit(&mut instead).squares() - achieved;
-            let hypothesis = instead.held[index].hypothesis.clone();
-            let delta_chi2 = delta(chi2, penalties.found - penalty(other.family, &hypothesis));
-            if chi2.is_finite() && delta_chi2 < other.delta_chi2 && hypothesis.is_within_limits() {
-                let signature = Signature::new(&normal, &case.signature(&instead, index));
-                *other =
-                    Alternative { hypothesis, delta_chi2, cosine: own.cosine(&normal, &signature), ..other.clone() };
+            let fitted = |start: Hypothesis| -> Option<Alternative> {
+                // With the same shape parameters fitted.
+                let mut held = FittedHypothesis::new(start);
+                let own_shapes = held.hypothesis.own_shapes.len();
+                (1..=own_shapes).filter(|&shape| found.is_free[shape]).for_each(|shape| held.free(shape));
+                let mut instead = others.clone();
+                instead.held.insert(index, held);
+                let chi2 = case.fit(&mut instead).squares() - achieved;
+                let hypothesis = instead.held[index].hypothesis.clone();
+                let delta_chi2 = delta(chi2, penalties.found - penalty(other.family, &hypothesis));
+                let cosine = own.cosine(&normal, &Signature::new(&normal, &case.signature(&instead, index)));
+                let is_possible = chi2.is_finite() && hypothesis.is_within_limits();
+                is_possible.then(|| Alternative { hypothesis, delta_chi2, cosine, ..other.clone() })
+            };
+            let started = with_its_onset(&found.hypothesis, &other.hypothesis, case.measured.duration_s());
+            let starts = [Some(other.hypothesis.clone()), started].into_iter().flatten();
+            if let Some(best) = starts.filter_map(fitted).min_by(|one, two| one.delta_chi2.total_cmp(&two.delta_chi2))
+                && best.delta_chi2 < other.delta_chi2
+            {
+                *other = best;
             }
         });
         all
@@ -123,6 +132,21 @@ pub fn alternatives(
         all.extend(lagged_temperature(case, bank, state, index, achieved, penalties));
     }
     best_of_each(all)
+}
+
+/// An effect with another time course from its onset on, which hardly ends or decays before the end of a recording; `None` if either has
+/// no onset.
+fn with_its_onset(found: &Hypothesis, other: &Hypothesis, duration_s: f64) -> Option<Hypothesis> {
+    let Hypothesis { amplitude, gyros, .. } = *other;
+    let shapes = found.amplitude.course_shapes().iter().zip(&found.course_shapes);
+    let onset_s = *shapes.into_iter().find(|(number, _)| number.role == Role::Onset)?.1;
+    let shape = |number: &ParameterSpec| match number.role {
+        Role::Onset => Some(onset_s),
+        Role::Duration | Role::TimeConstant => Some(duration_s - onset_s),
+        _ => None,
+    };
+    let course_shapes: Vec<f64> = amplitude.course_shapes().iter().map(shape).collect::<Option<_>>()?;
+    (!course_shapes.is_empty()).then(|| Hypothesis { amplitude, gyros, course_shapes, ..found.clone() })
 }
 
 /// The alternative to a wave that follows a lagged temperature.
@@ -175,10 +199,13 @@ fn in_place_of(
 ) -> Vec<Alternative> {
     let own = Signature::new(normal, &case.signature(state, index));
     let held = &state.held[index].hypothesis;
+    let mut others = state.clone();
+    others.held.remove(index);
+    let is_possible = |spot: &Spot| spot.is_valid(bank) && spot.is_physical(bank, &others);
     let of_base = |index: usize| {
         let sets = sets(&bank.bases[index], &held.gyros);
         let is_another = |spot: &Spot| spot.amplitude(bank) != held.amplitude || spot.gyros != held.gyros;
-        spots(bank, normal, index, |_| sets.clone(), |spot| is_another(spot) && spot.is_valid(bank))
+        spots(bank, normal, index, |_| sets.clone(), |spot| is_another(spot) && is_possible(spot))
     };
     let mut spots: Vec<Spot> = (0..bank.bases.len()).into_par_iter().flat_map_iter(of_base).collect();
     spots.retain(|spot| spot.gain.chi2 >= MIN_SHARE * fall);
@@ -186,10 +213,9 @@ fn in_place_of(
     let in_group = spots.iter().take_while(|spot| fall - spot.gain.chi2 < AMBIGUITY_CHI2).count();
     spots.truncate(in_group.clamp(OPTIMISED, MAX_ALTERNATIVES));
     let alternative = |(place, spot): (usize, &Spot)| -> Option<Alternative> {
-        let mut best = Spot::fit(bank, normal, spot.base, spot.variation.clone(), spot.gyros)
-            .filter(|spot| spot.is_valid(bank))?;
+        let mut best = Spot::fit(bank, normal, spot.base, spot.variation.clone(), spot.gyros).filter(is_possible)?;
         if place < OPTIMISED {
-            best = spot.optimised(bank, normal, |spot| spot.is_valid(bank)).unwrap_or(best);
+            best = spot.optimised(bank, normal, is_possible).unwrap_or(best);
         }
         let cosine = own.cosine(normal, &best.signature(bank, normal));
         let (hypothesis, family) = (best.hypothesis(bank), best.family(bank));

@@ -10,7 +10,7 @@ use crate::fitted_hypothesis::FittedHypothesis;
 use crate::measured::{CHANNELS, Shifts};
 use crate::whitening::NoiseModel;
 use geu_hypothesis::HypothesisParameter;
-use geu_hypothesis::amplitude::calibration_parameters;
+use geu_hypothesis::amplitude::{AmplitudeRef, calibration_parameters};
 
 /// A larger constant lag is not that of the link (protocol/ICD.md).
 pub const LAG_S: f64 = 0.010;
@@ -79,6 +79,12 @@ impl ModelState {
         }
         self.held.iter().for_each(|held| format!("{:?}", held.hypothesis.amplitude).hash(&mut hasher));
         hasher.finish()
+    }
+
+    /// Value of a constant amplitude among the hypotheses on a gyro.
+    pub fn constant(&self, amplitude: &AmplitudeRef, gyro: usize) -> f64 {
+        let own = self.held.iter().map(|held| &held.hypothesis);
+        own.filter(|own| own.amplitude == *amplitude && own.gyros[gyro]).map(|own| own.value).sum()
     }
 
     /// Removes a hypothesis, and the temperature lag with the last one that follows the temperature.

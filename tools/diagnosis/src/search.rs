@@ -102,7 +102,10 @@ pub fn search(
 ) -> Vec<Candidate> {
     let is_held =
         |spot: &Spot| state.held.iter().any(|held| held.hypothesis.conflicts(spot.amplitude(bank), &spot.gyros));
-    let is_possible = |spot: &Spot| !is_held(spot) && spot.hypothesis(bank).is_within_limits() && spot.is_valid(bank);
+    let is_possible = |spot: &Spot| {
+        let is_in_model = !is_held(spot) && spot.hypothesis(bank).is_within_limits();
+        is_in_model && spot.is_valid(bank) && spot.is_physical(bank, state)
+    };
     let of_base =
         |index: usize| spots(bank, normal, index, |reached| sets(&bank.bases[index].amplitude, reached), is_possible);
     let found: Vec<Vec<Spot>> = (0..bank.bases.len()).into_par_iter().map(of_base).collect();
@@ -128,7 +131,7 @@ pub fn search(
     };
     let best: Vec<Spot> = best.into_iter().enumerate().filter_map(is_kept).collect();
     let optimised = |spot: Spot| {
-        let best = spot.optimised(bank, normal, |_| true).unwrap_or(spot);
+        let best = spot.optimised(bank, normal, |spot| spot.is_physical(bank, state)).unwrap_or(spot);
         best.as_step(bank, normal, SHAPE_CHI2).filter(is_possible).unwrap_or(best)
     };
     let mut best: Vec<Spot> = best.into_par_iter().map(optimised).collect();

@@ -52,8 +52,9 @@ pub struct ConstantSignature {
     pub amplitude: AmplitudeRef,
     /// Values of the effect's shape parameters.
     pub own_shapes: Vec<f64>,
-    /// The value with which it was run.
+    /// The value with which it was run, and that configured on each gyro.
     pub size: f64,
+    pub configured: [f64; TIMING],
     /// True if other values have the same signature.
     pub is_linear: bool,
     /// True if computed signatures are exact.
@@ -191,6 +192,7 @@ impl SignatureBank {
                     amplitude,
                     own_shapes: Vec::new(),
                     size: COEFFICIENT,
+                    configured: [0.0; TIMING],
                     is_linear: true,
                     is_exact: false,
                     series: std::array::from_fn(of_channel),
@@ -229,6 +231,7 @@ impl SignatureBank {
             amplitude,
             own_shapes: own_shapes.clone(),
             size,
+            configured: amplitude.configured_value(configuration),
             is_linear,
             is_exact: false,
             series: run(&hypothesis(size)).map(Arc::from),

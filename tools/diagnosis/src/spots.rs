@@ -3,7 +3,8 @@
 use geu_model::time_profile::COURSES;
 
 use crate::courses::is_onset;
-use crate::measured::{BLOCK_S, CHANNELS};
+use crate::measured::{BLOCK_S, CHANNELS, TIMING};
+use crate::model_state::ModelState;
 use crate::normal_equations::{NormalEquations, SignatureFit};
 use crate::shape_search::maximise;
 use crate::signature::{Signature, reaches};
@@ -64,6 +65,22 @@ impl Spot {
     /// True if the signature is valid at the fitted amplitude.
     pub fn is_valid(&self, bank: &SignatureBank) -> bool {
         self.base(bank).is_valid_at(self.gain.size)
+    }
+
+    /// True if the amplitude, beside that of a state, is at no time below its smallest possible value: no clearance is negative.
+    pub fn is_physical(&self, bank: &SignatureBank, state: &ModelState) -> bool {
+        let (base, size) = (self.base(bank), self.gain.size);
+        let min = base.amplitude.number().min;
+        if min < 0.0 {
+            return true;
+        }
+        let constant = |gyro: usize| base.configured[gyro] + state.constant(&base.amplitude, gyro);
+        let constant = (0..TIMING).filter(|&gyro| self.gyros[gyro]).map(constant).fold(f64::INFINITY, f64::min);
+        let smallest = match bank.values(base, &self.variation) {
+            None => size,
+            Some(values) => values.iter().map(|value| size * value).fold(f64::INFINITY, f64::min),
+        };
+        constant + smallest >= min
     }
 
     /// Whitened signature.

@@ -78,7 +78,10 @@ pub fn likeliest(
         return None;
     }
     let others = case.normal_without(state, index);
-    let (late_s, spot) = best_signature(bank, &others, found, kind)?;
+    let mut without = state.clone();
+    without.held.remove(index);
+    let is_possible = |spot: &Spot| spot.is_valid(bank) && spot.is_physical(bank, &without);
+    let (late_s, spot) = best_signature(bank, &others, found, kind, is_possible)?;
     if spot.gain.chi2 < MIN_SHARE * (others.chi2() - case.normal(&mut state.clone()).chi2()) {
         return None;
     }
@@ -107,6 +110,7 @@ fn best_signature(
     normal: &NormalEquations,
     found: &Hypothesis,
     kind: usize,
+    is_possible: impl Fn(&Spot) -> bool + Sync,
 ) -> Option<(f64, Spot)> {
     let constant: AmplitudeRef = found.amplitude.constant();
     let bases: Vec<usize> = (0..bank.bases.len()).filter(|&base| bank.bases[base].amplitude == constant).collect();
@@ -114,7 +118,7 @@ fn best_signature(
         let late = bank.late(late_s);
         let fit = |&base: &usize| {
             let variation = Variation::Course { kind, shapes: Vec::new() };
-            Spot::fit(&late, normal, base, variation, found.gyros).filter(|spot| spot.is_valid(bank))
+            Spot::fit(&late, normal, base, variation, found.gyros).filter(&is_possible)
         };
         let best = bases.iter().filter_map(fit).max_by(|one, other| one.gain.chi2.total_cmp(&other.gain.chi2))?;
         Some((late_s, best))

@@ -213,6 +213,14 @@ impl AmplitudeRef {
         Some((amplitudes..numbers.specs().len()).map(|index| numbers.value(index)).collect())
     }
 
+    /// The constant amplitude in a configuration, on each gyro.
+    pub fn configured_value(&self, configuration: &Configuration) -> [f64; 4] {
+        Gyro::ALL.map(|gyro| match self.parameter {
+            AmplitudeSource::Effect(target) => configured(target, gyro, configuration).0.value(target.number),
+            AmplitudeSource::Term(_) => 0.0,
+        })
+    }
+
     /// The shape parameters of its time course.
     pub fn course_shapes(&self) -> &'static [ParameterSpec] {
         self.kind.map_or(&[], |kind| COURSES[kind].shapes)

@@ -4,13 +4,14 @@ use geu_model::Configuration;
 use rayon::prelude::*;
 
 use crate::diagnosis_case::DiagnosisCase;
+use crate::fitted_hypothesis::FittedHypothesis;
 use crate::measured::TIMING;
 use crate::model_state::ModelState;
 use crate::normal_equations::NormalEquations;
 use crate::null_distribution::Thresholds;
 use crate::search::{Candidate, search};
 use crate::signature_bank::SignatureBank;
-use geu_hypothesis::gyros::Gyros;
+use geu_hypothesis::gyros::{Gyros, only};
 
 use super::noise::rate_walk_fall;
 use super::selected::{MAX_PER_GYRO, RejectedHypothesis, SelectedModel};
@@ -61,22 +62,23 @@ impl SelectedModel {
         formulas.any(|index| self.chi2_fall(case, index).fall > self.negligible(case))
     }
 
-    /// Gyros with a rejected hypothesis, or with hypotheses that explain anything and thus nothing: more than [`MAX_PER_GYRO`], or two
-    /// if there is a formula, larger noise, or a hypothesis that the other thirds do not predict.
+    /// Gyros with a rejected hypothesis, or with hypotheses that explain anything and thus nothing: more than [`MAX_PER_GYRO`]; two beside
+    /// larger noise; or two on this gyro alone, if one is a formula or not predicted by the other thirds. A hypothesis on several gyros has the
+    /// evidence of the others.
     pub fn overfitted_gyros(&self, nominal: &Configuration) -> Gyros {
         std::array::from_fn(|gyro| {
             if self.rejected.is_some_and(|rejected| rejected.gyros[gyro]) {
                 return true;
             }
-            let own = || self.on(gyro).map(|(_, held)| held);
+            let count = self.on(gyro).count();
             let is_noisy =
                 self.noise.iter().any(|found| found.channel == gyro && found.is_significant(nominal, &self.state));
-            let is_strict = is_noisy
-                || own().any(|held| {
-                    held.hypothesis.amplitude.formula().is_some()
-                        || held.held_out.iter().flatten().sum::<f64>() < PREDICTED_CHI2
-                });
-            own().count() > if is_strict { 1 } else { MAX_PER_GYRO }
+            let alone = || self.on(gyro).map(|(_, held)| held).filter(|held| held.hypothesis.gyros == only(gyro));
+            let is_doubtful = |held: &FittedHypothesis| {
+                held.hypothesis.amplitude.formula().is_some()
+                    || held.held_out.iter().flatten().sum::<f64>() < PREDICTED_CHI2
+            };
+            count > MAX_PER_GYRO || is_noisy && count > 1 || alone().count() > 1 && alone().any(is_doubtful)
         })
     }
 
