@@ -178,8 +178,7 @@ impl<'a> TrialGenerator<'a> {
         injected
     }
 
-    /// Draws a term outside the catalogue: half of them have one or two factors, which a diagnosis searches, and half three, which it
-    /// does not.
+    /// Draws a term outside the catalogue of one to three factors; a diagnosis does not search terms with the time.
     pub fn unknown(&mut self, strength: f64) -> Option<InjectedEffect> {
         let found = (0..TRIES).find_map(|_| {
             let factors = if self.random.random::<bool>() { 3 } else { self.random.random_range(1..=2) };

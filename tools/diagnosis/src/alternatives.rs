@@ -25,6 +25,8 @@ const MIN_SHARE: f64 = 0.09;
 const OPTIMISED: usize = 24;
 /// Maximum number of alternatives.
 const MAX_ALTERNATIVES: usize = 64;
+/// Formulas among them: many are alike on one motion, and these stand for all.
+const FORMULAS: usize = 3;
 /// Difference of χ² below which hypotheses are not distinguishable, three sigma.
 pub const AMBIGUITY_CHI2: f64 = 9.0;
 /// Difference of χ² below which another time course with shape parameters is fitted by the model before it is excluded: signatures
@@ -210,6 +212,12 @@ fn in_place_of(
     let mut spots: Vec<Spot> = (0..bank.bases.len()).into_par_iter().flat_map_iter(of_base).collect();
     spots.retain(|spot| spot.gain.chi2 >= MIN_SHARE * fall);
     spots.sort_by(|one, other| other.gain.chi2.total_cmp(&one.gain.chi2));
+    let mut formulas = 0;
+    spots.retain(|spot| {
+        let is_formula = spot.amplitude(bank).formula().is_some();
+        formulas += usize::from(is_formula);
+        !is_formula || formulas <= FORMULAS
+    });
     let in_group = spots.iter().take_while(|spot| fall - spot.gain.chi2 < AMBIGUITY_CHI2).count();
     spots.truncate(in_group.clamp(OPTIMISED, MAX_ALTERNATIVES));
     let alternative = |(place, spot): (usize, &Spot)| -> Option<Alternative> {

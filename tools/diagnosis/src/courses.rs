@@ -185,7 +185,8 @@ impl Courses {
         let has = |role: Role| COURSES[kind].shapes.iter().any(|number| number.role == role);
         let (settles, ends) = (has(Role::TimeConstant), has(Role::Duration));
         let onsets = match mode {
-            _ if settles => 0..SETTLING_ONSETS,
+            Mode::Rate if settles => 0..SETTLING_ONSETS,
+            Mode::Level if settles => 0..2 * ONSETS,
             Mode::Level if !ends => 1..SUDDEN_ONSETS,
             _ => 1..ONSETS,
         };

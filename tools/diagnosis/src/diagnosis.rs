@@ -105,12 +105,6 @@ impl Report<'_> {
         entries.splice(effects_end..effects_end, noises);
         let effects = refused.iter().filter(|(entry, _)| entry.class == Class::MissingEffect);
         findings.extend(effects.map(admission::finding));
-        let is_missing = entries.iter().any(|entry| entry.class == Class::MissingEffect);
-        let verdict = match (unexplained_gyros.contains(&true), is_missing) {
-            (true, _) => Verdict::Unexplained,
-            (false, true) => Verdict::Explained,
-            (false, false) => Verdict::Consistent,
-        };
         let unexplained =
             unexplained_gyros.contains(&true).then(|| unexplained(case, bank, &selected, &left, unexplained_gyros));
         // Parameters that moved by less than is reported stay as given.
@@ -143,7 +137,7 @@ impl Report<'_> {
             None => motion_segments::cut(measured),
         };
         Diagnosis {
-            verdict,
+            verdict: verdict(&entries, unexplained_gyros),
             entries,
             findings,
             before,
@@ -225,13 +219,22 @@ impl Report<'_> {
     }
 }
 
+fn verdict(entries: &[DiagnosedEffect], unexplained: Gyros) -> Verdict {
+    let is_missing = entries.iter().any(|entry| entry.class == Class::MissingEffect);
+    match (unexplained.contains(&true), is_missing) {
+        (true, _) => Verdict::Unexplained,
+        (false, true) => Verdict::Explained,
+        (false, false) => Verdict::Consistent,
+    }
+}
+
 /// The finding of a motion that follows the counts.
 fn closed_loop(correlation: f64) -> Finding {
     Finding {
         kind: "closed-loop".to_owned(),
         place: "the whole recording".to_owned(),
         text: format!(
-            "the motion follows the rounding of the counts (correlation {correlation:.2}): terms outside the catalogue are not searched"
+            "the motion follows the rounding of the counts (correlation {correlation:.2}): signatures omit small motions"
         ),
     }
 }

@@ -5,7 +5,7 @@ use std::borrow::Cow;
 
 use geu_model::Configuration;
 use geu_model::effect::GyroEffects;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use crate::diagnosis_case::DiagnosisCase;
 use crate::linear_algebra::{dot, factored, inverse_roots, lower};
@@ -32,6 +32,11 @@ const MIN_TIMING: f64 = 0.01;
 const OWN_RANGE: f64 = 3.0;
 /// Factors at which a walk is evaluated before it is fitted.
 const FACTORS: [f64; 2] = [1.5, 3.0];
+/// Growths on the grid of null recordings, and the difference of their logarithms: about 1 sigma of a walk at its threshold.
+const GROWTHS: i32 = 14;
+const GROWTH_STEP: f64 = 0.5;
+/// Difference of the logarithms of white noises on that grid.
+const WHITE_STEP: f64 = 0.1;
 
 /// A random walk that may be larger than configured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -154,20 +159,21 @@ pub struct FittedNoise {
     pub fall: f64,
 }
 
-/// −2 ln of the likelihood of one channel as a function of its noise, with the nuisances integrated out; the part of one channel in
-/// [`crate::normal_equations::NormalEquations::deviance`].
-fn deviance<'a>(
-    case: &'a DiagnosisCase,
-    channel: usize,
-    blocks: Cow<'a, [Block]>,
-    residual: &'a Series,
-    nuisances: &'a [Nuisance],
-) -> impl Fn(&NoiseModel) -> f64 + use<'a> {
-    let own: Vec<&[f64]> = nuisances.iter().filter_map(|column| column[channel].as_deref()).collect();
-    move |noise: &NoiseModel| {
-        let whitening = Whitening::new(noise, &blocks, &case.rounding[channel]);
-        let white = whitening.apply(&residual[channel]);
-        let columns: Vec<Vec<f64>> = own.iter().map(|column| whitening.apply(column)).collect();
+/// Nuisances of one channel, whitened by one noise.
+struct WhiteNuisances {
+    whitening: Whitening,
+    columns: Vec<Vec<f64>>,
+    factor: Cholesky<f64, Dyn>,
+    scale: DVector<f64>,
+    /// Sum for the noise and for the determined nuisances.
+    log_determinant: f64,
+}
+
+impl WhiteNuisances {
+    fn new(case: &DiagnosisCase, channel: usize, blocks: &[Block], nuisances: &[Nuisance], noise: &NoiseModel) -> Self {
+        let whitening = Whitening::new(noise, blocks, &case.rounding[channel]);
+        let own = nuisances.iter().filter_map(|column| column[channel].as_deref());
+        let columns: Vec<Vec<f64>> = own.map(|column| whitening.apply(column)).collect();
         let mut gram = DMatrix::zeros(columns.len(), columns.len());
         for (i, one) in columns.iter().enumerate() {
             columns[..=i].iter().enumerate().for_each(|(j, other)| gram[(i, j)] = dot(one, other));
@@ -175,12 +181,72 @@ fn deviance<'a>(
         gram.fill_upper_triangle_with_lower_triangle();
         let scale = inverse_roots(&gram.diagonal());
         let factor = factored(&gram, &scale, RIDGE);
-        let right = DVector::from_iterator(columns.len(), columns.iter().map(|column| dot(column, &white)));
-        let solved = lower(&factor, &scale.component_mul(&right));
         let determined = (0..columns.len()).filter(|&index| scale[index] > 0.0);
         let logs = determined.map(|index| 2.0 * (factor.l_dirty()[(index, index)] / scale[index]).ln());
-        dot(&white, &white) - solved.norm_squared() + whitening.log_determinant + logs.sum::<f64>()
+        let log_determinant = whitening.log_determinant + logs.sum::<f64>();
+        WhiteNuisances { whitening, columns, factor, scale, log_determinant }
     }
+
+    /// −2 ln of the likelihood of the channel's residual with the nuisances integrated out; the part of one channel in
+    /// [`crate::normal_equations::NormalEquations::deviance`].
+    fn deviance(&self, residual: &[f64]) -> f64 {
+        let white = self.whitening.apply(residual);
+        let right = DVector::from_iterator(self.columns.len(), self.columns.iter().map(|column| dot(column, &white)));
+        let solved = lower(&self.factor, &self.scale.component_mul(&right));
+        dot(&white, &white) - solved.norm_squared() + self.log_determinant
+    }
+}
+
+/// −2 ln of the likelihood of one channel as a function of its noise.
+fn deviance<'a>(
+    case: &'a DiagnosisCase,
+    channel: usize,
+    blocks: Cow<'a, [Block]>,
+    residual: &'a Series,
+    nuisances: &'a [Nuisance],
+) -> impl Fn(&NoiseModel) -> f64 + use<'a> {
+    move |noise: &NoiseModel| WhiteNuisances::new(case, channel, &blocks, nuisances, noise).deviance(&residual[channel])
+}
+
+/// By how much −2 ln of the likelihood falls with a larger walk in each of several residuals of one channel: on a grid of growths, each with
+/// its own white noise.
+pub fn falls(
+    case: &DiagnosisCase,
+    channel: usize,
+    noise: &NoiseModel,
+    walk: Walk,
+    residuals: &[Series],
+    nuisances: &[Nuisance],
+) -> Vec<f64> {
+    let Some(start) = start(case, channel, noise, walk) else { return vec![0.0; residuals.len()] };
+    let blocks = &case.measured.blocks[channel];
+    let min = min_white(channel);
+    let at = |noise: &NoiseModel| -> Vec<f64> {
+        let of_white = |factor: i32| {
+            let white = (noise.white * (WHITE_STEP * f64::from(factor)).exp()).max(min);
+            let own = WhiteNuisances::new(case, channel, blocks, nuisances, &NoiseModel { white, ..*noise });
+            residuals.iter().map(|residual| own.deviance(&residual[channel])).collect::<Vec<f64>>()
+        };
+        let [below, middle, above] = [-1, 0, 1].map(of_white);
+        (0..residuals.len()).map(|run| lowest(below[run], middle[run], above[run])).collect()
+    };
+    let before = at(noise);
+    let mut largest = vec![0.0; residuals.len()];
+    for step in 1..=GROWTHS {
+        let with = at(&noise.with(walk, (start + GROWTH_STEP * f64::from(step)).exp()));
+        for ((largest, before), with) in largest.iter_mut().zip(&before).zip(with) {
+            *largest = f64::max(*largest, before - with);
+        }
+    }
+    largest
+}
+
+/// Lowest value of a parabola through three values at equal distances, if it is near them; else the lowest value.
+fn lowest(below: f64, middle: f64, above: f64) -> f64 {
+    let (slope, bend) = (0.5 * (above - below), above - 2.0 * middle + below);
+    let lowest = below.min(middle).min(above);
+    let is_near = bend > 0.0 && (slope / bend).abs() < 3.0;
+    if is_near { lowest.min(middle - 0.5 * slope * slope / bend) } else { lowest }
 }
 
 /// Fits the white noise of one channel.

@@ -4,6 +4,8 @@
 //! its nominal value. The largest gain in each family of hypotheses follows a Gumbel distribution. Its upper percentile is the
 //! threshold; the families share the false alarm rate equally.
 
+use std::cmp::Reverse;
+
 use geu_model::noise::NoiseStream;
 use geu_model::package::Axes;
 use geu_model::units::{PPM, SAMPLE_INTERVAL_S};
@@ -84,13 +86,18 @@ pub fn thresholds(
     seed: u64,
 ) -> Thresholds {
     let raw = |run: usize| draw(case, path, noise, seed.wrapping_add(run as u64));
-    let drawn: Vec<Series> = (0..RUNS).into_par_iter().map(|run| normal.projected_residual_of(&raw(run))).collect();
+    let raw: Vec<Series> = (0..RUNS).into_par_iter().map(raw).collect();
+    let drawn: Vec<Series> = raw.par_iter().map(|raw| normal.projected_residual_of(raw)).collect();
     // The runs of each block are contiguous.
     let blocks = drawn[0][0].len();
     let runs: [Vec<f32>; CHANNELS] = std::array::from_fn(|channel| {
         (0..blocks).flat_map(|block| drawn.iter().map(move |series| series[channel][block] as f32)).collect()
     });
-    let largest = (0..bank.bases.len()).into_par_iter().map(|base| of_base(bank, base, normal, &runs)).reduce(
+    // Signatures with many time courses come first, so that the threads end at the same time.
+    let mut bases: Vec<usize> = (0..bank.bases.len()).collect();
+    bases.sort_by_key(|&base| Reverse(bank.variations(&bank.bases[base]).len()));
+    let bases = bases.into_par_iter().with_max_len(1);
+    let largest = bases.map(|base| of_base(bank, base, normal, &runs)).reduce(
         || vec![[0.0; RUNS]; HypothesisFamily::COUNT],
         |mut one, other| {
             for (one, other) in one.iter_mut().flatten().zip(other.iter().flatten()) {
@@ -101,7 +108,7 @@ pub fn thresholds(
     );
     let whiteness: Vec<f64> = drawn.iter().map(|left| whiteness_statistic(left).0).collect();
     let mut chi2 = limits(&largest);
-    let falls: Vec<f64> = (0..NOISE_RUNS).into_par_iter().map(|run| largest_walk(case, noise, &raw(run))).collect();
+    let falls = largest_walks(case, noise, &raw[..NOISE_RUNS]);
     chi2[HypothesisFamily::NOISE.0] = quantile(&falls, FALSE_ALARM_RATE).unwrap_or(0.0).max(MIN_NOISE_CHI2);
     Thresholds { chi2, whiteness_statistic: quantile(&whiteness, FALSE_REJECTION_RATE).unwrap_or(1.0) }
 }
@@ -134,15 +141,17 @@ fn quantile(values: &[f64], rate: f64) -> Option<f64> {
     Some(at - scale * (-(1.0 - rate).ln()).ln())
 }
 
-/// Largest gain of a larger walk on a null recording.
-fn largest_walk(case: &DiagnosisCase, noise: &[NoiseModel; CHANNELS], residual: &Series) -> f64 {
-    let walks = (0..TIMING).flat_map(|channel| Walk::ALL.map(|walk| (channel, walk)));
-    let fall = |(channel, walk): (usize, Walk)| {
-        let fitted = crate::noise::fit(case, channel, &noise[channel], walk, residual, &case.nuisances);
-        let is_larger = fitted.noise.walk(walk) > noise[channel].walk(walk);
-        if is_larger { fitted.fall } else { 0.0 }
+/// Largest gain of a larger walk on each of these null recordings.
+fn largest_walks(case: &DiagnosisCase, noise: &[NoiseModel; CHANNELS], residuals: &[Series]) -> Vec<f64> {
+    let walks: Vec<(usize, Walk)> = (0..TIMING).flat_map(|channel| Walk::ALL.map(|walk| (channel, walk))).collect();
+    let falls = |(channel, walk): (usize, Walk)| {
+        crate::noise::falls(case, channel, &noise[channel], walk, residuals, &case.nuisances)
     };
-    walks.map(fall).fold(0.0, f64::max)
+    let larger = |mut one: Vec<f64>, other: Vec<f64>| {
+        one.iter_mut().zip(other).for_each(|(one, other)| *one = one.max(other));
+        one
+    };
+    walks.into_par_iter().map(falls).reduce(|| vec![0.0; residuals.len()], larger)
 }
 
 /// Largest gain of one signature for each family and null recording.

@@ -17,7 +17,7 @@ use crate::residual_stats::{residual, squares_of, windowed};
 /// Squared residuals of the gyros.
 type Squares = [f64; TIMING];
 
-/// What the shares are computed from.
+/// Inputs of the shares.
 pub struct Shares<'a> {
     /// Recording and input configuration.
     pub case: &'a DiagnosisCase<'a>,

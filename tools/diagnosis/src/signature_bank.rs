@@ -9,6 +9,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use geu_model::Configuration;
+use geu_model::effect::discovered::Formula;
 use geu_model::parameter_spec::{DefaultValue, ParameterSpec, Role};
 use geu_model::time_profile::COURSES;
 use rayon::prelude::*;
@@ -26,8 +27,8 @@ use geu_hypothesis::gyros::ALL_GYROS;
 pub(crate) const SHARE: f64 = 1e-3;
 /// Amplitude of the run that tests linearity, as a share of the largest accepted value.
 const TRIED_SHARE: f64 = 0.1;
-/// Coefficient of a formula's run.
-const COEFFICIENT: f64 = 1e-6;
+/// Formulas that are integrated in one run along the motion.
+const FORMULAS_OF_A_RUN: usize = 64;
 /// Minimum cosine between a computed signature and a run.
 const SAME_SIGNATURE: f64 = 0.95;
 /// Minimum cosine from which a fit uses the computed signature: the change of χ² by the rest is 1 in 10 000.
@@ -144,11 +145,6 @@ impl SignatureBank {
         bank
     }
 
-    /// The time courses alone.
-    pub fn without_signatures(&self) -> SignatureBank {
-        SignatureBank { bases: Vec::new(), ..self.clone() }
-    }
-
     /// Amplitudes with exact computed signatures only, and how time courses act on them.
     pub fn linear(&self) -> Vec<(AmplitudeSource, Mode)> {
         let is_exact = |own: &ConstantSignature| {
@@ -173,36 +169,31 @@ impl SignatureBank {
         SignatureBank { courses: self.courses.late(temperature_s), ..self.clone() }
     }
 
-    /// Signatures of all formulas on every gyro. One run gives four of them, one for each gyro: a formula adds the same on all of them,
-    /// except for the scale factor.
+    /// Signatures of all formulas on every gyro.
     pub fn formulas(&self, measured: &MeasuredData, configuration: &Configuration) -> SignatureBank {
-        let from = measured.run(configuration, Shifts::default());
-        let run = |four: &[AmplitudeRef]| -> Vec<ConstantSignature> {
-            let mut moved = configuration.clone();
-            for (gyro, &amplitude) in four.iter().enumerate() {
-                let gyros = std::array::from_fn(|other| other == gyro);
-                Hypothesis::constant(amplitude, COEFFICIENT, gyros).apply(&mut moved);
-            }
-            let series = measured.difference(&measured.run(&moved, Shifts::default()), &from);
-            let base = |(gyro, &amplitude): (usize, &AmplitudeRef)| {
-                let own: Arc<[f64]> = series[gyro].iter().map(|value| value / COEFFICIENT).collect();
-                let none: Arc<[f64]> = vec![0.0; own.len()].into();
-                let of_channel = |channel: usize| if channel == TIMING { none.clone() } else { own.clone() };
-                ConstantSignature {
-                    amplitude,
-                    own_shapes: Vec::new(),
-                    size: COEFFICIENT,
-                    configured: [0.0; TIMING],
-                    is_linear: true,
-                    is_exact: false,
-                    series: std::array::from_fn(of_channel),
-                    mode: Mode::Rate,
-                    products: ProductCache::default(),
-                }
-            };
-            four.iter().enumerate().map(base).collect()
+        let all = Formula::all();
+        let none: Arc<[f64]> = vec![0.0; measured.block_count()].into();
+        let of_gyro = |gyro: usize, arcsec: &[f64]| -> Arc<[f64]> {
+            let per_count = configuration.gyros[gyro].calibration.scale_factor;
+            arcsec.iter().map(|arcsec| arcsec / per_count).collect()
         };
-        let bases = AmplitudeRef::formulas().par_chunks(TIMING).flat_map_iter(run).collect();
+        let signature = |(formula, arcsec): (&Formula, [Arc<[f64]>; TIMING])| ConstantSignature {
+            amplitude: AmplitudeRef::term(*formula),
+            own_shapes: Vec::new(),
+            size: 1.0,
+            configured: [0.0; TIMING],
+            is_linear: true,
+            is_exact: false,
+            series: std::array::from_fn(|channel| {
+                arcsec.get(channel).map_or_else(|| none.clone(), |arcsec| of_gyro(channel, arcsec))
+            }),
+            mode: Mode::Rate,
+            products: ProductCache::default(),
+        };
+        let signatures = |formulas: &[Formula]| -> Vec<ConstantSignature> {
+            formulas.iter().zip(measured.terms(configuration, formulas)).map(signature).collect()
+        };
+        let bases = all.par_chunks(FORMULAS_OF_A_RUN).flat_map_iter(signatures).collect();
         SignatureBank { bases, ..self.clone() }
     }
 

@@ -13,7 +13,9 @@ impl SignatureBank {
     /// The signatures of effects that withhold small motions, without those along a path.
     #[must_use]
     pub fn without_small_motions(mut self, path: &Series) -> SignatureBank {
-        for base in self.bases.iter_mut().filter(|base| base.amplitude.filters_motion()) {
+        for base in
+            self.bases.iter_mut().filter(|base| base.amplitude.filters_motion() || base.amplitude.formula().is_some())
+        {
             for (series, path) in base.series.iter_mut().zip(path).take(TIMING) {
                 let turned = |block: usize| {
                     let (min, max) = path[nodes(block)]

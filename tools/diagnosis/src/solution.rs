@@ -81,11 +81,9 @@ impl<'a> Solution<'a> {
         case.linear = LinearSignatures::new(whole.linear());
         let contains_noise = !has_counts || is_loop;
         let catalogue = if contains_noise { whole.clone().without_small_motions(&path) } else { whole.clone() };
-        // In a closed loop the signatures of small motions contain the rounding, and dequantised angles follow one path.
-        let has_formulas = has_counts && !is_loop;
-        let formulas = LazyCell::new(|| match has_formulas {
-            true => catalogue.formulas(measured, nominal),
-            false => catalogue.without_signatures(),
+        let formulas = LazyCell::new(|| {
+            let formulas = catalogue.formulas(measured, nominal);
+            if contains_noise { formulas.without_small_motions(&path) } else { formulas }
         });
         let all = LazyCell::new(|| catalogue.and(&formulas));
         let key = key(measured, &path, &noise, options.seed);

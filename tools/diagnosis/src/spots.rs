@@ -1,5 +1,7 @@
 //! The best time course of each kind of a signature on each set of gyros.
 
+use std::borrow::Cow;
+
 use geu_model::time_profile::COURSES;
 
 use crate::courses::is_onset;
@@ -76,7 +78,10 @@ impl Spot {
         }
         let constant = |gyro: usize| base.configured[gyro] + state.constant(&base.amplitude, gyro);
         let constant = (0..TIMING).filter(|&gyro| self.gyros[gyro]).map(constant).fold(f64::INFINITY, f64::min);
-        let smallest = match bank.values(base, &self.variation) {
+        // A wave reaches both of its extremes.
+        let is_wave = self.variation.at_phase(0.0).is_some();
+        let values = if is_wave { Some(Cow::Borrowed(&[-1.0, 1.0][..])) } else { bank.values(base, &self.variation) };
+        let smallest = match values {
             None => size,
             Some(values) => values.iter().map(|value| size * value).fold(f64::INFINITY, f64::min),
         };

@@ -2,11 +2,12 @@
 
 use geu_diagnosis::fitted_hypothesis::FittedHypothesis;
 use geu_diagnosis::linear_signatures::LinearSignatures;
-use geu_diagnosis::measured::CHANNELS;
+use geu_diagnosis::measured::{CHANNELS, Shifts, TIMING};
 use geu_diagnosis::whitening::NoiseModel;
 use geu_diagnosis::{DiagnosisCase, SignatureBank};
 use geu_hypothesis::Hypothesis;
 use geu_hypothesis::amplitude::AmplitudeRef;
+use geu_hypothesis::gyros::only;
 use geu_model::Configuration;
 use geu_model::parameter_spec::Role;
 
@@ -67,4 +68,28 @@ fn computed_signatures_equal_model_runs() {
     }
     println!("{compared} compared, largest departure {} of {}", worst.0, worst.1);
     assert!(compared > 100 && worst.0 < 0.1, "{compared} compared, largest departure {} of {}", worst.0, worst.1);
+}
+
+#[test]
+fn signatures_of_formulas_equal_model_runs() {
+    let mut nominal = Configuration::reference();
+    (nominal.scenario.theta_deg, nominal.scenario.psi_deg) = (90.0, 0.0);
+    let rest = manoeuvre("pointing", &[("duration_s", 600.0)]);
+    let scan = manoeuvre("z-scan", &[("angle_deg", 200.0)]);
+    let measured = recorded(&nominal, &[rest.clone(), scan, rest], None);
+    let formulas = SignatureBank::new(&measured, &nominal).formulas(&measured, &nominal);
+    assert!(formulas.bases.len() > 400);
+    let before = measured.run(&nominal, Shifts::default());
+    for (index, own) in formulas.bases.iter().enumerate().step_by(41) {
+        let gyro = index % TIMING;
+        let mut moved = nominal.clone();
+        Hypothesis::constant(own.amplitude, 1e-6, only(gyro)).apply(&mut moved);
+        let run = measured.difference(&measured.run(&moved, Shifts::default()), &before);
+        let largest = own.series[gyro].iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
+        for (run, own_value) in run[gyro].iter().zip(own.series[gyro].iter()) {
+            let departure = (run / 1e-6 - own_value).abs();
+            // Other effects of the unit act on what a term adds: its scale factor follows the temperature.
+            assert!(departure <= 1e-3 * largest + 1e-3, "{}: {departure} of {largest}", own.amplitude.code());
+        }
+    }
 }

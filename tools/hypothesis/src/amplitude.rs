@@ -4,7 +4,7 @@
 //! change of the diagnosis.
 
 use geu_model::Configuration;
-use geu_model::effect::discovered::{self, Formula, Regressor};
+use geu_model::effect::discovered::{self, Formula};
 use geu_model::effect::{EffectSpec, Effects};
 use geu_model::fault::{EffectList, ParameterRef};
 use geu_model::package::{Axes, Calibration};
@@ -64,20 +64,6 @@ impl AmplitudeRef {
     /// The coefficient of a discovered term.
     pub fn term(formula: Formula) -> AmplitudeRef {
         AmplitudeRef { parameter: AmplitudeSource::Term(formula), kind: None }
-    }
-
-    /// Every product of one or two of the regressors, and the cube of each. Without time: time courses are for effects.
-    pub fn formulas() -> Vec<AmplitudeRef> {
-        let regressors = Regressor::ALL.into_iter().filter(|regressor| regressor.name() != "time");
-        let regressors: Vec<Regressor> = regressors.collect();
-        let products = (0..regressors.len()).flat_map(|one| {
-            let pairs = regressors[one..].iter().map(|other| vec![regressors[one], *other]).collect::<Vec<_>>();
-            [vec![regressors[one]], vec![regressors[one]; 3]].into_iter().chain(pairs)
-        });
-        let mut formulas: Vec<Formula> = products.filter_map(|factors| Formula::new(&factors).ok()).collect();
-        formulas.sort();
-        formulas.dedup();
-        formulas.into_iter().map(AmplitudeRef::term).collect()
     }
 
     /// Returns the amplitude without a time course.

@@ -6,8 +6,9 @@ use geu_protocol::Gyro;
 
 use super::{GyroUnit, Truth};
 use crate::configuration::Configuration;
-use crate::effect::Temperatures;
-use crate::package::ComputedParts;
+use crate::effect::discovered::Formula;
+use crate::effect::{EffectInputs, Temperatures};
+use crate::package::{Axes, ComputedParts, SubStep};
 use crate::temperature::{ElectronicsCourse, SENSOR_NOMINAL_C, interpolate};
 use crate::units::SAMPLE_INTERVAL_S;
 
@@ -63,6 +64,24 @@ impl GyroUnit {
         self.start_fs = self.end_fs;
         self.begin();
         end_ns
+    }
+
+    /// Adds to each sum what a term with that formula and a coefficient of 1 makes a gyro sense over the running sample interval, arcsec;
+    /// then begins the next.
+    pub fn add_terms(&mut self, formulas: &[Formula], sums: &mut [f64]) {
+        let (start_s, end_s) = (self.start_fs as f64 * 1e-15, self.end_fs as f64 * 1e-15);
+        let temperatures = self.temperatures(0.5 * (start_s + end_s));
+        for SubStep { counted: step, end_s } in &self.advance::<()>(start_s, end_s).0 {
+            // A formula has the control axes.
+            let axes = Axes::of(Gyro::ALL[0]);
+            let inputs = EffectInputs { step, axes, temperatures: &temperatures, end_s: *end_s };
+            for (sum, formula) in sums.iter_mut().zip(formulas) {
+                *sum += formula.value(&inputs) * step.length_s;
+            }
+        }
+        self.ended += 1;
+        self.start_fs = self.end_fs;
+        self.begin();
     }
 
     /// Accumulated counts as real numbers, in the order of [`Gyro::ALL`]: before rounding, wiring faults, self-test, power and

@@ -2,14 +2,15 @@
 
 use std::sync::Arc;
 
+use geu_model::effect::discovered::Formula;
 use geu_model::units::{SAMPLE_INTERVAL_NS, SAMPLE_INTERVAL_S};
 use geu_model::{Configuration, GyroUnit, MeasuredTemperatures, Truth};
 
 use crate::time_origin::shift_origin;
 
-use super::MeasuredData;
 use super::model_cache::Run;
 use super::series::{Series, Shifts, TIMING, TIMING_UNIT_S};
+use super::{BLOCK, MeasuredData, nodes};
 
 impl MeasuredData {
     /// Runs a model without its noise on this motion at these temperatures. Returns at each node the accumulated counts before
@@ -34,14 +35,7 @@ impl MeasuredData {
 
     /// A run that counts only these gyros.
     fn run_on(&self, gyros: [bool; 4], configuration: &Configuration, shifts: Shifts) -> Series {
-        let reference = self.runs.delayed(&self.reference, shifts.lag_s);
-        let temperatures = self.runs.temperatures(&configuration.electronics, shifts.temperature_s, || {
-            let mut electronics = configuration.electronics.clone();
-            electronics.follow(table(&self.counts.electronics_c, shifts.temperature_s));
-            MeasuredTemperatures::new(&electronics, &table(&self.counts.sensor_c, 0.0), self.samples)
-        });
-        let model = self.without_noise(configuration);
-        let mut unit = GyroUnit::following(&model, &Truth::Recorded(reference), temperatures, gyros);
+        let mut unit = self.unit(gyros, configuration, shifts);
         let mut series: Series = std::array::from_fn(|_| Vec::with_capacity(self.samples + 1));
         series.iter_mut().for_each(|channel| channel.push(0.0));
         for node in 1..=self.samples {
@@ -53,6 +47,38 @@ impl MeasuredData {
             series[TIMING].push(late_ns as f64 * 1e-9 / TIMING_UNIT_S);
         }
         series
+    }
+
+    /// The model's unit on this motion, which counts only these gyros.
+    fn unit(&self, gyros: [bool; 4], configuration: &Configuration, shifts: Shifts) -> GyroUnit {
+        let reference = self.runs.delayed(&self.reference, shifts.lag_s);
+        let temperatures = self.runs.temperatures(&configuration.electronics, shifts.temperature_s, || {
+            let mut electronics = configuration.electronics.clone();
+            electronics.follow(table(&self.counts.electronics_c, shifts.temperature_s));
+            MeasuredTemperatures::new(&electronics, &table(&self.counts.sensor_c, 0.0), self.samples)
+        });
+        let model = self.without_noise(configuration);
+        GyroUnit::following(&model, &Truth::Recorded(reference), temperatures, gyros)
+    }
+
+    /// Angle that a term with each formula and a coefficient of 1 adds on each gyro, arcsec, averaged over blocks.
+    pub fn terms(&self, configuration: &Configuration, formulas: &[Formula]) -> Vec<[Arc<[f64]>; TIMING]> {
+        let mut unit = self.unit([false; TIMING], configuration, Shifts::default());
+        let mut sums = vec![0.0; formulas.len()];
+        let mut averages = vec![std::array::from_fn::<_, TIMING, _>(|_| Vec::new()); formulas.len()];
+        for block in 0..self.block_count() {
+            let mut at_nodes = vec![[0.0; BLOCK]; formulas.len()];
+            for node in 0..BLOCK {
+                unit.add_terms(formulas, &mut sums);
+                at_nodes.iter_mut().zip(&sums).for_each(|(nodes, sum)| nodes[node] = *sum);
+            }
+            for (averages, at_nodes) in averages.iter_mut().zip(&at_nodes) {
+                for (gyro, averages) in averages.iter_mut().enumerate() {
+                    averages.push(self.average(gyro, block, |node| at_nodes[node - nodes(block).start]));
+                }
+            }
+        }
+        averages.into_iter().map(|averages| averages.map(Arc::from)).collect()
     }
 
     /// The configuration as the model of this recording: without noise and wiring faults, which exact checks have corrected.
