@@ -1,5 +1,7 @@
 //! Random walks above their configured growth, instead of effects or beside them.
 
+use std::collections::BTreeMap;
+
 use rayon::prelude::*;
 
 use crate::diagnosis_case::DiagnosisCase;
@@ -13,6 +15,9 @@ use geu_hypothesis::Hypothesis;
 
 use super::selected::{FURTHER_WALK_CHI2, IdentifiedNoise, SelectedModel};
 
+/// Fitted walks of a residual, of which those of a channel hold until one is accepted on it; `None` if it is not larger.
+type KnownWalks = BTreeMap<(usize, Walk), Option<IdentifiedNoise>>;
+
 impl SelectedModel {
     /// Accepts walks above their configured growth, the likeliest first, as long as they exceed their threshold.
     pub(super) fn free_noise(&mut self, case: &DiagnosisCase, thresholds: &Thresholds) {
@@ -21,25 +26,26 @@ impl SelectedModel {
             .chain([(TIMING, Walk::Angle)])
             .collect();
         let threshold = thresholds.required(HypothesisFamily::NOISE);
+        let mut known = KnownWalks::new();
         for _ in 0..walks.len() {
-            let larger = self.larger_walks(case, &walks);
+            let larger = self.larger_walks(case, &walks, &mut known);
             // Equal walks on several gyros have one cause: only the first pays the full threshold.
             let margin = |found: &IdentifiedNoise| {
                 let is_further = self.noise.iter().any(|other| other.walk == found.walk && other.channel != TIMING);
                 found.fitted.fall - if is_further { FURTHER_WALK_CHI2 } else { threshold }
             };
             match larger.into_iter().max_by(|a, b| margin(a).total_cmp(&margin(b))) {
-                Some(found) if margin(&found) > 0.0 => self.accept_walk(found),
+                Some(found) if margin(&found) > 0.0 => self.accept_walk(found, &mut known),
                 _ => break,
             }
         }
         // Walks that exceed the threshold only together.
         for walk in [Walk::Rate, Walk::Angle, Walk::Scale] {
-            let larger = self.larger_walks(case, &[0, 1, 2, 3].map(|gyro| (gyro, walk)));
+            let larger = self.larger_walks(case, &[0, 1, 2, 3].map(|gyro| (gyro, walk)), &mut known);
             let fall: f64 = larger.iter().map(|found| found.fitted.fall).sum();
             let further = FURTHER_WALK_CHI2 * larger.len().saturating_sub(1) as f64;
             if larger.len() > 1 && fall > threshold + further {
-                larger.into_iter().for_each(|found| self.accept_walk(found));
+                larger.into_iter().for_each(|found| self.accept_walk(found, &mut known));
             }
         }
         self.state.noise = self.fitted_white(case);
@@ -47,22 +53,30 @@ impl SelectedModel {
     }
 
     /// Fits those of `walks` that are not accepted yet; returns the ones above their configured growth.
-    fn larger_walks(&mut self, case: &DiagnosisCase, walks: &[(usize, Walk)]) -> Vec<IdentifiedNoise> {
+    fn larger_walks(
+        &mut self,
+        case: &DiagnosisCase,
+        walks: &[(usize, Walk)],
+        known: &mut KnownWalks,
+    ) -> Vec<IdentifiedNoise> {
+        let is_accepted = |own: &(usize, Walk)| self.noise.iter().any(|found| (found.channel, found.walk) == *own);
+        let open: Vec<(usize, Walk)> = walks.iter().copied().filter(|own| !is_accepted(own)).collect();
         let (residual, nuisances) = case.linearised(&mut self.state);
-        let is_open = |(channel, walk): &&(usize, Walk)| {
-            let is_accepted = self.noise.iter().any(|found| (found.channel, found.walk) == (*channel, *walk));
-            !is_accepted && case.measured.is_usable(*channel)
-        };
         let fit = |&(channel, walk): &(usize, Walk)| {
             let before = &self.state.noise[channel];
             let fitted = noise::fit(case, channel, before, walk, &residual, &nuisances);
-            (fitted.noise.walk(walk) > before.walk(walk)).then_some(IdentifiedNoise { channel, walk, fitted })
+            let is_larger = fitted.noise.walk(walk) > before.walk(walk);
+            ((channel, walk), is_larger.then_some(IdentifiedNoise { channel, walk, fitted }))
         };
-        walks.par_iter().filter(is_open).filter_map(fit).collect()
+        let unknown = open.par_iter().filter(|own| !known.contains_key(own) && case.measured.is_usable(own.0));
+        let fitted: Vec<_> = unknown.map(fit).collect();
+        known.extend(fitted);
+        open.iter().filter_map(|own| known.get(own).copied().flatten()).collect()
     }
 
-    fn accept_walk(&mut self, found: IdentifiedNoise) {
+    fn accept_walk(&mut self, found: IdentifiedNoise, known: &mut KnownWalks) {
         self.state.noise[found.channel] = found.fitted.noise;
+        known.retain(|(channel, _), _| *channel != found.channel);
         self.noise.push(found);
     }
 
