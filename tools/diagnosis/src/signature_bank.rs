@@ -35,8 +35,11 @@ const SAME_SIGNATURE: f64 = 0.95;
 const EXACT_SIGNATURE: f64 = 0.9999;
 /// Factor between neighbouring values of a nonlinear amplitude.
 const SIZE_FACTOR: f64 = 1.5;
-/// Smallest value of a nonlinear amplitude, as a share of the largest accepted one.
-const MIN_SIZE: f64 = 0.002;
+/// Maximum number of values of a nonlinear amplitude, down to a hundred thousandth of the largest accepted one; run at once.
+const MAX_SIZES: usize = 30;
+const SIZES_AT_ONCE: usize = 5;
+/// Smallest departure of the accumulated counts that a signature is kept for: a part of the rounding.
+const VISIBLE_COUNTS: f64 = 0.1;
 /// Values, over the one that was run, for which a nonlinear signature is valid. The neighbouring runs lie within.
 const NEAR_SIZES: Range<f64> = 0.4..2.5;
 /// Factor between neighbouring time constants, and between widths.
@@ -257,16 +260,27 @@ impl SignatureBank {
         {
             return vec![small];
         }
-        let mut sizes = Vec::new();
-        let mut size = limits.max;
-        while size > MIN_SIZE * limits.max {
-            sizes.push(size);
-            if limits.min < 0.0 {
-                sizes.push(-size);
+        // The smallest value whose signature is visible depends on the motion.
+        let is_visible = |own: &ConstantSignature| {
+            let largest = own.series.iter().take(TIMING).flat_map(|series| series.iter());
+            largest.fold(0.0, |largest: f64, value| largest.max(value.abs())) * own.size.abs() > VISIBLE_COUNTS
+        };
+        let sizes = |first: f64| std::iter::successors(Some(first), |size| Some(size / SIZE_FACTOR)).take(MAX_SIZES);
+        let signs = [Some(limits.max), (limits.min < 0.0).then_some(-limits.max)];
+        let of_sign = |first: f64| -> Vec<ConstantSignature> {
+            let all: Vec<f64> = sizes(first).collect();
+            let mut found = Vec::new();
+            for some in all.chunks(SIZES_AT_ONCE) {
+                let signatures: Vec<_> = some.par_iter().map(|&size| signature(size, mode, false)).collect();
+                let are_all = signatures.iter().all(is_visible);
+                found.extend(signatures.into_iter().filter(is_visible));
+                if !are_all {
+                    break;
+                }
             }
-            size /= SIZE_FACTOR;
-        }
-        sizes.par_iter().map(|&size| signature(size, mode, false)).collect()
+            found
+        };
+        signs.into_par_iter().flatten().flat_map_iter(of_sign).collect()
     }
 
     /// All time courses of a signature that are searched, waves at phase 0.
