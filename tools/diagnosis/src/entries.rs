@@ -287,10 +287,8 @@ fn amplitude_of(walk: Walk) -> AmplitudeRef {
     AmplitudeRef::new(ParameterRef { list: EffectList::Head, effect, number: 0 }, None)
 }
 
-/// True if an alternative is the same effect: its time course is constant during the recording, or its law is written as a formula.
+/// True if an alternative is the law of the effect written as a formula.
 fn is_the_same(found: &AmplitudeRef, alternative: &Alternative) -> bool {
-    let other = &alternative.hypothesis.amplitude;
-    let is_course = found.kind.is_none() && other.kind.is_some() && other.is_of_same_effect(found);
-    let is_law = found.formula().is_none() && other.formula().is_some();
-    alternative.cosine > SAME_SIGNATURE && (is_course || is_law)
+    let is_law = found.formula().is_none() && alternative.hypothesis.amplitude.formula().is_some();
+    is_law && alternative.cosine > SAME_SIGNATURE
 }
