@@ -29,9 +29,9 @@ impl CourseProducts {
     /// Adds the products of the next course on a channel.
     pub fn push(&mut self, channel: usize, normal: &NormalEquations, products: Option<&Products>) {
         let own = &mut self.courses[channel];
-        own.push(products.map_or(0.0, Products::square));
+        own.push(products.map_or(0.0, |products| products.own));
         let columns = normal.columns(channel).take_while(|(place, _)| *place < normal.of_recording());
-        own.extend(columns.map(|(place, _)| products.map_or(0.0, |products| products.with_nuisance(place))));
+        own.extend(columns.map(|(place, _)| products.map_or(0.0, |products| products.nuisances[place])));
     }
 
     /// Adds the products of the next two courses.

@@ -95,8 +95,11 @@ pub fn select_model(searches: &Searches, start: &ModelState, per_gyro: usize) ->
         selected.settled(case, thresholds)
     };
     let grown = |selected: &SelectedModel, order| {
-        let (selected, is_other) = grow(searches, selected.clone(), per_gyro, order);
-        let mut selected = exchange(searches, selected);
+        let (mut selected, is_other) = grow(searches, selected.clone(), per_gyro, order);
+        // A search that a limit ended is repeated without the limit, or explains nothing.
+        if !selected.is_cut {
+            selected = exchange(searches, selected);
+        }
         // Walks are fitted again beside the effects.
         selected.reset_noise(case, &[true; TIMING]);
         (finished(selected), is_other)
@@ -156,6 +159,8 @@ impl Order {
 fn grow(searches: &Searches, mut now: SelectedModel, per_gyro: usize, order: Order) -> (SelectedModel, bool) {
     let Searches { case, bank, thresholds, .. } = *searches;
     let mut is_other = false;
+    // The selection before a hypothesis that the thirds do not predict, and that hypothesis.
+    let mut doubtful: Option<(SelectedModel, Candidate)> = None;
     loop {
         let candidates = searches.candidates(&now.state, &now.normal);
         let (candidates, differs) = order.sorted(candidates, thresholds);
@@ -166,11 +171,20 @@ fn grow(searches: &Searches, mut now: SelectedModel, per_gyro: usize, order: Ord
             now.is_cut = best > 0.0;
             break;
         }
-        let chosen = best_fit(case, thresholds, &now.state, &now.normal, &candidates);
+        let fit = |is_predicted: fn(&Candidate) -> bool| {
+            best_fit(case, thresholds, &now.state, &now.normal, &candidates, is_predicted)
+        };
+        let mut chosen = fit(predicts);
+        let is_real = best > REJECTED_CHI2 && best > now.negligible(case);
+        if chosen.is_none() && is_real && doubtful.is_none() {
+            // Of two effects on a gyro neither may be predicted without the other.
+            chosen = fit(|_| true);
+            doubtful = chosen.is_some().then(|| (now.clone(), first.clone()));
+        }
         let mut step = SelectionStep { candidates: candidates.clone(), kept: None, added: None };
         let Some((_, place, state, normal)) = chosen else {
             now.steps.push(step);
-            if best > REJECTED_CHI2 && best > now.negligible(case) {
+            if is_real {
                 now.reject(case, &bank.late(now.state.shifts.temperature_s), thresholds, first);
             }
             break;
@@ -183,7 +197,18 @@ fn grow(searches: &Searches, mut now: SelectedModel, per_gyro: usize, order: Ord
         now.round_count(case);
         now.join_lagged(case, bank, thresholds);
     }
+    if let Some((before, first)) = doubtful
+        && !now.is_cut
+        && !now.is_predicted(case)
+    {
+        now = before;
+        now.reject(case, &bank.late(now.state.shifts.temperature_s), thresholds, &first);
+    }
     (now, is_other)
+}
+
+fn predicts(candidate: &Candidate) -> bool {
+    passes_cross_validation(&candidate.held_out)
 }
 
 /// Fits the best candidates beside a state; the likeliest acceptable one. If none is acceptable, the next ones are fitted.
@@ -193,6 +218,7 @@ fn best_fit(
     state: &ModelState,
     normal: &NormalEquations,
     candidates: &[Candidate],
+    is_predicted: fn(&Candidate) -> bool,
 ) -> Option<Fit> {
     let penalty = |candidate: &Candidate| thresholds.penalty(candidate.family, &candidate.hypothesis);
     let margin = |candidate: &Candidate| candidate.gain.chi2 - penalty(candidate);
@@ -205,7 +231,7 @@ fn best_fit(
         // The first of the candidates with this spot.
         let key = |spot: &Spot| (spot.base, spot.variation.clone(), spot.gyros);
         let place = candidates.iter().position(|other| key(&other.spot) == key(&candidate.spot))?;
-        let is_accepted = fall > 0.0 && passes_cross_validation(&candidate.held_out);
+        let is_accepted = fall > 0.0 && is_predicted(candidate);
         (is_accepted && is_possible(tried.held.last()?)).then_some((fall, place, tried, tried_normal))
     };
     let min = LESSER * margin(candidates.first()?);
@@ -247,7 +273,7 @@ fn exchanged(searches: &Searches, now: &SelectedModel, index: usize) -> Option<S
     }
     let (state, normal, _) = now.without(case, index);
     let candidates = searches.candidates(&state, &normal);
-    let (_, place, state, normal) = best_fit(case, thresholds, &state, &normal, &candidates)?;
+    let (_, place, state, normal) = best_fit(case, thresholds, &state, &normal, &candidates, predicts)?;
     let mut other = now.clone();
     other.remove(index);
     other.steps.push(SelectionStep { candidates, kept: Some(state.held.len() - 1), added: Some(place) });

@@ -1,9 +1,10 @@
-//! Least squares on whitened channels: nuisances are projected out of the residual and of every signature. Products are kept per third
-//! of the recording, so that each third can be predicted from the other two.
+//! Least squares on whitened channels: nuisances are projected out of the residual and of every signature. Products of the nuisances are
+//! kept per third of the recording, so that each third can be predicted from the other two.
 
 mod products;
 
 use std::hash::{DefaultHasher, Hasher};
+use std::ops::Range;
 use std::sync::OnceLock;
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
@@ -12,6 +13,7 @@ use geu_model::package::Calibration;
 
 use crate::linear_algebra::{dot, factored, inverse_roots, lower};
 use crate::measured::{CHANNELS, Series};
+use crate::signature::Signature;
 use crate::signature_bank::Column;
 use crate::whitening::Whitening;
 use geu_hypothesis::amplitude::calibration_parameters;
@@ -38,16 +40,15 @@ pub type Nuisance = [Option<Vec<f64>>; CHANNELS];
 #[derive(Debug, Clone)]
 pub struct NormalEquations {
     whitenings: [Whitening; CHANNELS],
-    /// First block of each third, and the end.
-    bounds: [usize; THIRDS + 1],
     /// Whitened residual.
     pub residual: Series,
     /// Whitened signatures of the nuisances.
     columns: Vec<Nuisance>,
-    /// Products of nuisances with each other, with the residual, and of the residual with itself, for each third.
+    /// Products of nuisances with each other and with the residual for each third.
     gram: [DMatrix<f64>; THIRDS],
     right: [DVector<f64>; THIRDS],
-    squares: [f64; THIRDS],
+    /// Square of the residual.
+    squares: f64,
     /// χ² of the departure of the calibration parameters from their a priori values.
     a_priori_chi2: f64,
     /// Factor of the whole, scaled to a diagonal of ones, and that scale.
@@ -79,27 +80,8 @@ impl NormalEquations {
         };
         let columns: Vec<Nuisance> = nuisances.iter().map(white).collect();
         let count = columns.len();
-        let mut gram: [_; THIRDS] = std::array::from_fn(|_| DMatrix::zeros(count, count));
-        let mut right: [_; THIRDS] = std::array::from_fn(|_| DVector::zeros(count));
-        let mut squares = [0.0; THIRDS];
-        for third in 0..THIRDS {
-            let range = bounds[third]..bounds[third + 1];
-            for channel in 0..CHANNELS {
-                let residual = &residual[channel][range.clone()];
-                squares[third] += dot(residual, residual);
-                for (i, one) in columns.iter().enumerate() {
-                    let Some(one) = &one[channel] else { continue };
-                    let one = &one[range.clone()];
-                    right[third][i] += dot(one, residual);
-                    for (j, other) in columns[..=i].iter().enumerate() {
-                        if let Some(other) = &other[channel] {
-                            gram[third][(i, j)] += dot(one, &other[range.clone()]);
-                        }
-                    }
-                }
-            }
-            gram[third].fill_upper_triangle_with_lower_triangle();
-        }
+        let (gram, right) = parts(&columns, &residual, &bounds);
+        let squares = residual.iter().map(|own| dot(own, own)).sum();
         let (mut whole, mut whole_right) = (gram.iter().sum::<DMatrix<f64>>(), right.iter().sum::<DVector<f64>>());
         let scale = inverse_roots(&whole.diagonal());
         let mut a_priori_chi2 = 0.0;
@@ -113,7 +95,6 @@ impl NormalEquations {
         let solved = lower(&factor, &scale.component_mul(&whole_right));
         NormalEquations {
             whitenings,
-            bounds,
             residual,
             columns,
             gram,
@@ -190,7 +171,7 @@ impl NormalEquations {
 
     /// χ² at the current parameters, including their departure from the a priori values.
     pub fn squares(&self) -> f64 {
-        self.squares.iter().sum::<f64>() + self.a_priori_chi2
+        self.squares + self.a_priori_chi2
     }
 
     /// Fitted nuisances and their covariance.
@@ -244,21 +225,23 @@ impl NormalEquations {
 
     /// Products of a whitened signature on one channel.
     pub fn products(&self, channel: usize, white: &Column) -> Products {
+        self.products_in(channel, white, 0..self.residual[channel].len())
+    }
+
+    /// Products in some blocks.
+    pub fn products_in(&self, channel: usize, white: &Column, blocks: Range<usize>) -> Products {
         let Column { from, values } = white;
         let mut products = Products::none(self.columns.len());
-        for third in 0..THIRDS {
-            let start = self.bounds[third].max(*from);
-            let end = self.bounds[third + 1].min(from + values.len());
-            if start >= end {
-                continue;
-            }
-            let own = &values[start - from..end - from];
-            products.own[third] = dot(own, own);
-            products.residual[third] = dot(own, &self.residual[channel][start..end]);
-            for (product, column) in products.nuisances[third].iter_mut().zip(&self.columns) {
-                if let Some(column) = &column[channel] {
-                    *product = dot(own, &column[start..end]);
-                }
+        let (start, end) = (blocks.start.max(*from), blocks.end.min(from + values.len()));
+        if start >= end {
+            return products;
+        }
+        let own = &values[start - from..end - from];
+        products.own = dot(own, own);
+        products.residual = dot(own, &self.residual[channel][start..end]);
+        for (product, column) in products.nuisances.iter_mut().zip(&self.columns) {
+            if let Some(column) = &column[channel] {
+                *product = dot(own, &column[start..end]);
             }
         }
         products
@@ -271,8 +254,7 @@ impl NormalEquations {
 
     /// Projects a signature on the nuisances.
     pub fn project(&self, products: &Products) -> ProjectedSignature {
-        let sums = DVector::from_fn(self.columns.len(), |place, _| products.with_nuisance(place));
-        self.project_sums(products.square(), products.residual.iter().sum(), &sums)
+        self.project_sums(products.own, products.residual, &DVector::from_column_slice(&products.nuisances))
     }
 
     /// Projects a signature on the nuisances: its square and its products with the residual and with the nuisances.
@@ -297,22 +279,26 @@ impl NormalEquations {
         }
     }
 
-    /// Cross-validation of a signature: for each third the reduction of −2 ln of the predictive density p(third | others) =
-    /// p(all) / p(others), with nuisances and amplitude integrated out of both. `None` for a third without which the amplitude is hardly
+    /// Cross-validation of a signature: for each third of its information the reduction of −2 ln of the predictive density p(third | others)
+    /// = p(all) / p(others), with nuisances and amplitude integrated out of both. `None` for a third without which the amplitude is hardly
     /// determined. The whitening filter runs across the bounds.
-    pub fn cross_validate(&self, products: &Products) -> [Option<f64>; THIRDS] {
+    pub fn cross_validate(&self, signature: &Signature) -> [Option<f64>; THIRDS] {
+        let bounds = signature.bounds_of_thirds(self.residual[0].len());
+        let (gram, right) = parts(&self.columns, &self.residual, &bounds);
+        let products: [Products; THIRDS] =
+            std::array::from_fn(|third| signature.products_in(self, bounds[third]..bounds[third + 1]));
         let of = |thirds: &[usize]| -> Option<(f64, f64)> {
-            let gram: DMatrix<f64> = thirds.iter().map(|&third| &self.gram[third]).sum();
+            let gram: DMatrix<f64> = thirds.iter().map(|&third| &gram[third]).sum();
             let factor = factored(&gram, &self.scale, HELD_OUT_RIDGE);
             let scaled = |vectors: &dyn Fn(usize) -> DVector<f64>| {
                 let sum: DVector<f64> = thirds.iter().map(|&third| vectors(third)).sum();
                 lower(&factor, &self.scale.component_mul(&sum))
             };
-            let part = scaled(&|third| DVector::from_column_slice(&products.nuisances[third]));
-            let solved = scaled(&|third| self.right[third].clone());
-            let sum = |values: &[f64; THIRDS]| thirds.iter().map(|&third| values[third]).sum::<f64>();
-            let left = sum(&products.own) - part.norm_squared();
-            let right = sum(&products.residual) - part.dot(&solved);
+            let part = scaled(&|third| DVector::from_column_slice(&products[third].nuisances));
+            let solved = scaled(&|third| right[third].clone());
+            let sum = |value: fn(&Products) -> f64| thirds.iter().map(|&third| value(&products[third])).sum::<f64>();
+            let left = sum(|products| products.own) - part.norm_squared();
+            let right = sum(|products| products.residual) - part.dot(&solved);
             (left > 0.0).then(|| (left, right * right / left))
         };
         let Some((left, gain)) = of(&[0, 1, 2]) else { return [None; THIRDS] };
@@ -336,4 +322,33 @@ impl NormalEquations {
         }
         factored(&gram, &scale, HELD_OUT_RIDGE).solve(&scale.component_mul(&right)).component_mul(&scale)
     }
+}
+
+/// Products of whitened nuisances with each other and with the residual between bounds.
+fn parts(
+    columns: &[Nuisance],
+    residual: &Series,
+    bounds: &[usize; THIRDS + 1],
+) -> ([DMatrix<f64>; THIRDS], [DVector<f64>; THIRDS]) {
+    let count = columns.len();
+    let mut gram: [_; THIRDS] = std::array::from_fn(|_| DMatrix::zeros(count, count));
+    let mut right: [_; THIRDS] = std::array::from_fn(|_| DVector::zeros(count));
+    for third in 0..THIRDS {
+        let range = bounds[third]..bounds[third + 1];
+        for channel in 0..CHANNELS {
+            let residual = &residual[channel][range.clone()];
+            for (i, one) in columns.iter().enumerate() {
+                let Some(one) = &one[channel] else { continue };
+                let one = &one[range.clone()];
+                right[third][i] += dot(one, residual);
+                for (j, other) in columns[..=i].iter().enumerate() {
+                    if let Some(other) = &other[channel] {
+                        gram[third][(i, j)] += dot(one, &other[range.clone()]);
+                    }
+                }
+            }
+        }
+        gram[third].fill_upper_triangle_with_lower_triangle();
+    }
+    (gram, right)
 }

@@ -141,7 +141,7 @@ pub fn search(
         hypothesis: spot.hypothesis(bank),
         family: spot.family(bank),
         gain: spot.gain,
-        held_out: normal.cross_validate(&spot.signature(bank, normal).products),
+        held_out: normal.cross_validate(&spot.signature(bank, normal)),
         spot,
     };
     best.into_iter().map(candidate).collect()

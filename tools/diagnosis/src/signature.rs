@@ -1,8 +1,10 @@
 //! Signatures whitened by the noise of a recording.
 
+use std::ops::Range;
+
 use crate::linear_algebra::dot;
 use crate::measured::{CHANNELS, TIMING};
-use crate::normal_equations::{NormalEquations, Nuisance, Products};
+use crate::normal_equations::{NormalEquations, Nuisance, Products, THIRDS};
 use crate::signature_bank::Column;
 use geu_hypothesis::amplitude::AmplitudeRef;
 use geu_hypothesis::gyros::Gyros;
@@ -34,6 +36,32 @@ impl Signature {
         let parts = white.iter().enumerate().filter_map(|(channel, own)| Some(normal.products(channel, own.as_ref()?)));
         let products = parts.fold(Products::none(normal.nuisances()), |sum, part| sum.plus(&part));
         Signature { white, products }
+    }
+
+    /// Products in some blocks.
+    pub fn products_in(&self, normal: &NormalEquations, blocks: Range<usize>) -> Products {
+        let own = self.white.iter().enumerate();
+        let parts = own.filter_map(|(channel, own)| Some(normal.products_in(channel, own.as_ref()?, blocks.clone())));
+        parts.fold(Products::none(normal.nuisances()), |sum, part| sum.plus(&part))
+    }
+
+    /// First block of each third of its square, and the end.
+    pub fn bounds_of_thirds(&self, blocks: usize) -> [usize; THIRDS + 1] {
+        let mut squares = vec![0.0; blocks];
+        for Column { from, values } in self.white.iter().flatten() {
+            squares[*from..].iter_mut().zip(values).for_each(|(sum, value)| *sum += value * value);
+        }
+        let mut whole = 0.0;
+        let of_block = |square: &f64| {
+            whole += square;
+            whole - square
+        };
+        let before: Vec<f64> = squares.iter().map(of_block).collect();
+        std::array::from_fn(|third| match third {
+            0 => 0,
+            THIRDS => blocks,
+            _ => before.partition_point(|before| *before < whole * third as f64 / THIRDS as f64),
+        })
     }
 
     /// Absolute cosine with another signature, without the projections of both on the nuisances.

@@ -114,6 +114,7 @@ impl<'a> Solution<'a> {
         let single = pass(1);
         let mut selected = if single.is_cut { pass(MAX_PER_GYRO) } else { single };
         merge_gyros(&case, &mut selected);
+        selected.cross_validate(&case);
         let needs_formulas = !selected.state.held.is_empty() || !is_noise(&selected, &thresholds);
         // What is no evidence is an alternative nevertheless.
         let bank = if needs_formulas { whole.and(&formulas) } else { whole };

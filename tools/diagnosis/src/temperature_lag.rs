@@ -89,7 +89,7 @@ pub fn likeliest(
     let hypothesis = Hypothesis { amplitude, value, course_shapes: Vec::new(), ..found.clone() };
     let fitted = |late_s: f64| {
         let mut own = state.clone();
-        let held_out = others.cross_validate(&spot.signature(&bank.late(late_s), &others).products);
+        let held_out = others.cross_validate(&spot.signature(&bank.late(late_s), &others));
         own.held[index] =
             FittedHypothesis::new(hypothesis.clone()).with_penalty(penalty(family, &hypothesis), held_out);
         own.set_temperature_lag(late_s);

@@ -9,7 +9,8 @@ use crate::measured::TIMING;
 use crate::model_state::ModelState;
 use crate::normal_equations::NormalEquations;
 use crate::null_distribution::Thresholds;
-use crate::search::{Candidate, search};
+use crate::search::{Candidate, passes_cross_validation, search};
+use crate::signature::Signature;
 use crate::signature_bank::SignatureBank;
 use geu_hypothesis::gyros::{Gyros, only};
 
@@ -23,6 +24,8 @@ pub(super) const REJECTED_CHI2: f64 = 9.0;
 const NEGLIGIBLE: f64 = 0.01;
 /// Minimum sum of the cross-validation of all thirds for a second effect on a gyro, three sigma.
 const PREDICTED_CHI2: f64 = 9.0;
+/// Minimum amplitude of each of two effects on a gyro, in sigmas: smaller ones compensate each other.
+const DETERMINED_SIGMAS: f64 = 3.0;
 
 impl SelectedModel {
     /// True if a formula might be better: beside the hypotheses, in place of one of them, or if there are several on a gyro or noise.
@@ -55,6 +58,22 @@ impl SelectedModel {
         NEGLIGIBLE * (normal.chi2() - self.normal.chi2())
     }
 
+    /// Cross-validates each hypothesis beside the others.
+    pub fn cross_validate(&mut self, case: &DiagnosisCase) {
+        let held_out = |index: usize| {
+            let (_, normal, _) = self.without(case, index);
+            normal.cross_validate(&Signature::new(&normal, &case.signature(&self.state, index)))
+        };
+        let all: Vec<_> = (0..self.state.held.len()).into_par_iter().map(held_out).collect();
+        self.state.held.iter_mut().zip(all).for_each(|(held, own)| held.held_out = own);
+    }
+
+    /// True if each hypothesis is predicted beside the others.
+    pub(super) fn is_predicted(&mut self, case: &DiagnosisCase) -> bool {
+        self.cross_validate(case);
+        self.state.held.iter().all(|held| passes_cross_validation(&held.held_out))
+    }
+
     /// True if a formula explains more than errors of the other hypotheses.
     pub fn requires_formula(&self, case: &DiagnosisCase) -> bool {
         let is_formula = |index: &usize| self.state.held[*index].hypothesis.amplitude.formula().is_some();
@@ -77,6 +96,7 @@ impl SelectedModel {
             let is_doubtful = |held: &FittedHypothesis| {
                 held.hypothesis.amplitude.formula().is_some()
                     || held.held_out.iter().flatten().sum::<f64>() < PREDICTED_CHI2
+                    || held.hypothesis.value.abs() < DETERMINED_SIGMAS * held.sigmas[0]
             };
             count > MAX_PER_GYRO || is_noisy && count > 1 || alone().count() > 1 && alone().any(is_doubtful)
         })

@@ -2,17 +2,17 @@
 
 use nalgebra::DVector;
 
-use super::THIRDS;
-
 /// A signature is not distinguishable from the nuisances if they leave less than this share of its square.
 const MIN_REMAINDER: f64 = 1e-4;
 
-/// Products of one signature with itself, with the residual and with the nuisances, for each third. Products of channels add up.
+/// Products of one signature with itself, with the residual and with the nuisances. Products of channels add up.
 #[derive(Debug, Clone)]
 pub struct Products {
-    pub(super) own: [f64; THIRDS],
-    pub(super) residual: [f64; THIRDS],
-    pub(super) nuisances: [Vec<f64>; THIRDS],
+    /// With itself.
+    pub own: f64,
+    pub(super) residual: f64,
+    /// With each nuisance.
+    pub nuisances: Vec<f64>,
 }
 
 /// A signature, or its part on one channel, projected on the nuisances.
@@ -56,31 +56,15 @@ impl SignatureFit {
 impl Products {
     /// Products of an empty signature.
     pub fn none(nuisances: usize) -> Products {
-        Products {
-            own: [0.0; THIRDS],
-            residual: [0.0; THIRDS],
-            nuisances: std::array::from_fn(|_| vec![0.0; nuisances]),
-        }
-    }
-
-    /// Product with itself.
-    pub fn square(&self) -> f64 {
-        self.own.iter().sum()
-    }
-
-    /// Product with a nuisance.
-    pub fn with_nuisance(&self, place: usize) -> f64 {
-        self.nuisances.iter().map(|third| third[place]).sum()
+        Products { own: 0.0, residual: 0.0, nuisances: vec![0.0; nuisances] }
     }
 
     /// Adds the products of another channel.
     #[must_use]
     pub fn plus(mut self, other: &Products) -> Products {
-        for third in 0..THIRDS {
-            self.own[third] += other.own[third];
-            self.residual[third] += other.residual[third];
-            self.nuisances[third].iter_mut().zip(&other.nuisances[third]).for_each(|(sum, value)| *sum += value);
-        }
+        self.own += other.own;
+        self.residual += other.residual;
+        self.nuisances.iter_mut().zip(&other.nuisances).for_each(|(sum, value)| *sum += value);
         self
     }
 }
