@@ -259,7 +259,7 @@ impl DiagnosisPage<'_> {
             })
             .collect();
         if !rows.is_empty() {
-            let caption = "Cross-validation: improvement of each third of the recording, predicted from the other two (reduction of −2 ln of its probability; a dash if one third determines the effect almost alone)";
+            let caption = "Cross-validation: improvement of each third of the evidence, predicted from the other two (reduction of −2 ln of its probability; a dash if one third determines the effect almost alone)";
             text += &table(caption, &["found", "gyros", "first third", "second", "last", "sum"], rows);
         }
         let row = |name: &str, gap: &ResidualStats| {

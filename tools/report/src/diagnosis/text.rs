@@ -136,13 +136,13 @@ fn how_sure(entry: &DiagnosedEffect) -> String {
     }
 }
 
-/// Prediction of each third of the recording from the others.
+/// Prediction of each third of the evidence from the others.
 fn held_out(entry: &DiagnosedEffect) -> Option<String> {
     let thirds: Vec<f64> = entry.held_out?.into_iter().flatten().collect();
     let (better, all) = (thirds.iter().filter(|&&third| third > 0.0).count(), thirds.len());
     Some(match all {
-        0 => "no check: it shows in one third of the recording alone".to_owned(),
-        _ => format!("with it, {better} of {all} left-out thirds of the recording are predicted better"),
+        0 => "no check: one place of the recording has all of the evidence".to_owned(),
+        _ => format!("with it, {better} of {all} left-out thirds of the evidence are predicted better"),
     })
 }
 

@@ -131,7 +131,7 @@ fn a_summary_has_effect_certainty_alternatives_and_next_step() {
         "\n1. drift-settling on GYRY\n",
         "   arcsec_per_h  17.4 ± 1.5 arcsec/h\n",
         "   how sure      chi2 falls by 127; noise alone reaches 24 once in 400 recordings\n",
-        "   held out      with it, 1 of 2 left-out thirds of the recording are predicted better\n",
+        "   held out      with it, 1 of 2 left-out thirds of the evidence are predicted better\n",
         "and 5 more\n",
         "   what next     to separate it from scale-factor-nonlinearity-0 on all gyros: a Y-scan",
         "   how sure      certain: an exact check of the data found it\n",
