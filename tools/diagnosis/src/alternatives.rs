@@ -25,7 +25,7 @@ const MIN_SHARE: f64 = 0.09;
 const OPTIMISED: usize = 24;
 /// Maximum number of alternatives.
 const MAX_ALTERNATIVES: usize = 64;
-/// Maximum number of formulas among them: many are alike on one motion.
+/// Maximum number of formulas among them: many agree on one motion.
 const FORMULAS: usize = 3;
 /// Difference of χ² below which hypotheses are not distinguishable, three sigma.
 pub const AMBIGUITY_CHI2: f64 = 9.0;

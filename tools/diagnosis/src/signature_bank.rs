@@ -4,6 +4,8 @@
 //! the course applied to its increments (an effect that adds a rate, such as a drift) or to its values (one that adds an angle, such as
 //! lost counts), whichever agrees with a run with a step in the middle. This is for the search; the fit runs the model.
 
+mod grid;
+
 use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::Arc;
@@ -16,12 +18,14 @@ use rayon::prelude::*;
 
 use crate::course_products::ProductCache;
 pub use crate::courses::Variation;
-use crate::courses::{Courses, Mode, SHORTEST_BLOCKS, is_onset, put};
+use crate::courses::{Courses, Mode, is_onset, put};
 use crate::linear_algebra::increment_products;
 use crate::measured::{BLOCK_S, CHANNELS, MeasuredData, Series, Shifts, TIMING};
 use geu_hypothesis::Hypothesis;
 use geu_hypothesis::amplitude::{AmplitudeRef, AmplitudeSource, STEP, is_real};
 use geu_hypothesis::gyros::ALL_GYROS;
+
+use grid::{SIZE_FACTOR, own_shapes, visible};
 
 /// Amplitude of a signature's run, as a share of the largest accepted value.
 pub(crate) const SHARE: f64 = 1e-3;
@@ -33,17 +37,8 @@ const FORMULAS_OF_A_RUN: usize = 64;
 const SAME_SIGNATURE: f64 = 0.95;
 /// Minimum cosine from which a fit uses the computed signature: the change of χ² by the rest is 1 in 10 000.
 const EXACT_SIGNATURE: f64 = 0.9999;
-/// Factor between neighbouring values of a nonlinear amplitude.
-const SIZE_FACTOR: f64 = 1.5;
-/// Maximum number of values of a nonlinear amplitude, down to a hundred thousandth of the largest accepted one; run at once.
-const MAX_SIZES: usize = 30;
-const SIZES_AT_ONCE: usize = 5;
-/// Smallest departure of the accumulated counts that a signature is kept for: a part of the rounding.
-const VISIBLE_COUNTS: f64 = 0.1;
 /// Values, over the one that was run, for which a nonlinear signature is valid. The neighbouring runs lie within.
 const NEAR_SIZES: Range<f64> = 0.4..2.5;
-/// Factor between neighbouring time constants, and between widths.
-const SHAPE_FACTOR: f64 = 3.0;
 /// Blocks after a jump of the angle that are evaluated with an exact reference: the filter forgets it. With a noisy one it remembers.
 const JUMP_BLOCKS: usize = 120;
 /// Blocks between the onsets of an immediate effect.
@@ -260,27 +255,7 @@ impl SignatureBank {
         {
             return vec![small];
         }
-        // The smallest value whose signature is visible depends on the motion.
-        let is_visible = |own: &ConstantSignature| {
-            let largest = own.series.iter().take(TIMING).flat_map(|series| series.iter());
-            largest.fold(0.0, |largest: f64, value| largest.max(value.abs())) * own.size.abs() > VISIBLE_COUNTS
-        };
-        let sizes = |first: f64| std::iter::successors(Some(first), |size| Some(size / SIZE_FACTOR)).take(MAX_SIZES);
-        let signs = [Some(limits.max), (limits.min < 0.0).then_some(-limits.max)];
-        let of_sign = |first: f64| -> Vec<ConstantSignature> {
-            let all: Vec<f64> = sizes(first).collect();
-            let mut found = Vec::new();
-            for some in all.chunks(SIZES_AT_ONCE) {
-                let signatures: Vec<_> = some.par_iter().map(|&size| signature(size, mode, false)).collect();
-                let are_all = signatures.iter().all(is_visible);
-                found.extend(signatures.into_iter().filter(is_visible));
-                if !are_all {
-                    break;
-                }
-            }
-            found
-        };
-        signs.into_par_iter().flatten().flat_map_iter(of_sign).collect()
+        visible(limits, |size| signature(size, mode, false))
     }
 
     /// All time courses of a signature that are searched, waves at phase 0.
@@ -355,42 +330,6 @@ impl SignatureBank {
         }
         hypothesis
     }
-}
-
-/// Searched values of an effect's shape parameters, defaults first: time constants and widths on a grid; others at their default until they are
-/// fitted. An effect of the configuration keeps its own.
-fn own_shapes(amplitude: &AmplitudeRef, configuration: &Configuration) -> Vec<Vec<f64>> {
-    if let Some(configured) = amplitude.configured_shapes(configuration) {
-        return vec![configured];
-    }
-    let defaults: Vec<f64> = amplitude
-        .own_shapes()
-        .iter()
-        .map(|number| match number.default {
-            DefaultValue::Value(value) => value,
-            DefaultValue::Required | DefaultValue::Absent => number.min.max(0.0),
-        })
-        .collect();
-    let mut all = vec![defaults.clone()];
-    for (index, number) in amplitude.own_shapes().iter().enumerate() {
-        let shortest = match number.role {
-            Role::TimeConstant => SHORTEST_BLOCKS * BLOCK_S,
-            Role::Width => 0.0,
-            _ => continue,
-        };
-        if !defaults[index].is_finite() {
-            continue;
-        }
-        for factor in [SHAPE_FACTOR.powi(-2), 1.0 / SHAPE_FACTOR, SHAPE_FACTOR, SHAPE_FACTOR.powi(2)] {
-            let value = defaults[index] * factor;
-            if (number.min.max(shortest)..=number.max).contains(&value) {
-                let mut shapes = defaults.clone();
-                shapes[index] = value;
-                all.push(shapes);
-            }
-        }
-    }
-    all
 }
 
 /// Cosine of the increments of two signatures, without the channel of the times, which has another unit.
