@@ -13,8 +13,9 @@ use crate::model_state::ModelState;
 use crate::normal_equations::NormalEquations;
 use crate::signature::Signature;
 use crate::signature_bank::{ConstantSignature, HypothesisFamily, SignatureBank};
+use crate::significance::THREE_SIGMA_CHI2;
 use crate::spots::{Spot, spots};
-use crate::temperature_lag::{LAG_CHI2, LaggedFit, likeliest};
+use crate::temperature_lag::{LaggedFit, likeliest};
 use geu_hypothesis::Hypothesis;
 use geu_hypothesis::gyros::{ALL_GYROS, Gyros, is_within, only};
 
@@ -28,7 +29,7 @@ const MAX_ALTERNATIVES: usize = 64;
 /// Maximum number of formulas among them: many agree on one motion.
 const FORMULAS: usize = 3;
 /// Difference of χ² below which hypotheses are not distinguishable, three sigma.
-pub const AMBIGUITY_CHI2: f64 = 9.0;
+pub const AMBIGUITY_CHI2: f64 = THREE_SIGMA_CHI2;
 /// Difference of χ² below which another time course with shape parameters is fitted by the model before it is excluded: signatures
 /// have shape parameters on a grid only. Time courses of a nonlinear amplitude are fitted at any difference.
 const NEAR_CHI2: f64 = 30.0;
@@ -82,7 +83,7 @@ pub fn alternatives(
         // An alternative that follows the lagged temperature has the penalty of the lag too.
         let penalty = |family, own: &Hypothesis| {
             let needs_lag = owns_lag && temperature_s != 0.0 && own.follows_temperature();
-            (penalties.of)(family, own) + if needs_lag { LAG_CHI2 } else { 0.0 }
+            (penalties.of)(family, own) + if needs_lag { THREE_SIGMA_CHI2 } else { 0.0 }
         };
         let penalties = &Penalties { found: penalties.found, of: &penalty };
         let mut others = state.clone();

@@ -15,10 +15,8 @@ use geu_model::units::S_PER_H;
 use crate::measured::{BLOCK_S, MeasuredData};
 use geu_hypothesis::amplitude::STEP;
 
-/// Shortest searched time constant, duration or quarter period, in blocks: shorter ones average out.
-pub const SHORTEST_BLOCKS: f64 = 6.0;
-/// That, s.
-const SHORTEST_S: f64 = SHORTEST_BLOCKS * BLOCK_S;
+/// Shortest searched time constant, duration or quarter period, six blocks: shorter ones average out.
+pub const SHORTEST_S: f64 = 6.0 * BLOCK_S;
 /// Quarter periods in the recording: of the shortest searched period; the longest has two.
 const QUARTER_TURNS: usize = 64;
 /// Searched onsets of permanent effects.

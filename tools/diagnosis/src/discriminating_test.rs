@@ -26,9 +26,8 @@ use geu_hypothesis::Hypothesis;
 use separation::{Separation, Signatures, fitted_chi2, in_place};
 use sequences::{Sequence, planned};
 
-/// Number of sequences that are compared at once by signatures, number of fits for one pair, and factor between their durations.
+/// Number of sequences that are compared at once by signatures, also of fits for one pair, and factor between their durations.
 const AT_ONCE: usize = 8;
-const FITTED: usize = 8;
 const LONGER: f64 = 1.3;
 /// Temperature rise of the electronics.
 const WARMER_K: f64 = 5.0;
@@ -77,7 +76,7 @@ impl Progress {
     }
 
     fn is_open(&self) -> bool {
-        !self.is_sure() && self.fits < FITTED
+        !self.is_sure() && self.fits < AT_ONCE
     }
 }
 

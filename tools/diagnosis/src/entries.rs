@@ -10,7 +10,6 @@ use crate::alternatives::{AMBIGUITY_CHI2, Alternative, Penalties, alternatives};
 use crate::diagnosis_case::DiagnosisCase;
 use crate::discriminating_test::DiscriminatingTests;
 use crate::fitted_hypothesis::FittedHypothesis;
-use crate::fitted_hypothesis::SAME_SIGMAS;
 use crate::linear_algebra::increment_products;
 use crate::measured::{CHANNELS, TIMING};
 use crate::model_selection::SelectedModel;
@@ -20,20 +19,15 @@ use crate::noise::Walk;
 use crate::null_distribution::Thresholds;
 use crate::outcome::{Chi2Fall, Class, Correction, DiagnosedEffect, EstimatedValue, ReportedAlternative};
 use crate::search::{search, shape_penalty};
-use crate::signature_bank::{ConstantSignature, HypothesisFamily, SignatureBank};
+use crate::signature_bank::{ConstantSignature, EXACT_SIGNATURE, HypothesisFamily, SignatureBank};
+use crate::significance::{FOUR_SIGMAS, THREE_SIGMAS};
 use geu_checks::WiringFault;
 use geu_hypothesis::Hypothesis;
 use geu_hypothesis::amplitude::{AmplitudeRef, calibration_parameters};
 use geu_hypothesis::gyros::{ALL_GYROS, is_within, only};
 
-/// Sigmas from which a calibration parameter is reported: one false alarm in 1000 recordings of 16 parameters.
-const RECALIBRATED_SIGMAS: f64 = 4.0;
-/// Sigmas, all other parameters known, from which one is reported beside an effect on its gyro: what the effect was fitted with.
-const FITTED_WITH_SIGMAS: f64 = 1.0;
 /// Lag of the link, up to 5 ms (protocol/ICD.md): mean and 1 sigma.
 const LINK_LAG_S: (f64, f64) = (0.0025, 0.0025 / 1.732_050_807_568_877_2);
-/// Minimum cosine between a calibration parameter and the effect that it is.
-const SAME: f64 = 0.9999;
 /// Minimum cosine of equal signatures.
 const SAME_SIGNATURE: f64 = 0.999;
 /// Minimum number of reported alternatives, and maximum number of discriminating tests.
@@ -119,7 +113,7 @@ impl Entries<'_> {
             let sigma = found.fitted.log_sigma;
             let same = all.iter_mut().find(|(other, other_sigma, _)| {
                 let difference = (other.value / value).ln().abs();
-                other.amplitude == amplitude && difference < SAME_SIGMAS * sigma.hypot(*other_sigma)
+                other.amplitude == amplitude && difference < THREE_SIGMAS * sigma.hypot(*other_sigma)
             });
             match same {
                 Some((hypothesis, other, fall)) => {
@@ -178,7 +172,7 @@ impl Entries<'_> {
     pub fn lag(&self, selected: &mut SelectedModel) -> Option<DiagnosedEffect> {
         let state = &mut selected.state;
         let (lag_s, sigma) = (state.shifts.lag_s, state.lag_sigma_s);
-        if lag_s.abs() <= LAG_S + SAME_SIGMAS * sigma {
+        if lag_s.abs() <= LAG_S + THREE_SIGMAS * sigma {
             state.reset_undetermined_lag();
             return None;
         }
@@ -227,7 +221,7 @@ impl Entries<'_> {
             |base: &&ConstantSignature| base.amplitude.is_of_unit() == is_of_unit && base.amplitude.formula().is_none();
         let all = self.bank.bases.iter().filter(is_candidate).map(of_base);
         let (cosine, amplitude, ratio) = all.max_by(|one, other| one.0.total_cmp(&other.0))?;
-        (cosine > SAME).then_some((amplitude, ratio))
+        (cosine > EXACT_SIGNATURE).then_some((amplitude, ratio))
     }
 
     /// Calibration parameters with a significant correction.
@@ -240,8 +234,8 @@ impl Entries<'_> {
         for (index, (gyro, number)) in calibration_parameters().into_iter().enumerate() {
             let (moved, sigma) = (state.calibration[index], state.calibration_sigmas[index]);
             let (own_sigma, sigmas) = match has_effect(gyro as usize) {
-                true => (normal.conditional_sigma(index).min(sigma), FITTED_WITH_SIGMAS),
-                false => (sigma, RECALIBRATED_SIGMAS),
+                true => (normal.conditional_sigma(index).min(sigma), 1.0),
+                false => (sigma, FOUR_SIGMAS),
             };
             if moved.abs() <= sigmas * own_sigma || sigma.is_nan() {
                 continue;

@@ -7,9 +7,6 @@ use geu_model::parameter_spec::Role;
 use crate::normal_equations::{Nuisance, THIRDS};
 use geu_hypothesis::{Hypothesis, HypothesisParameter};
 
-/// Difference in sigmas below which two gyros have the same amplitude of an effect.
-pub const SAME_SIGMAS: f64 = 3.0;
-
 /// A hypothesis and the state of its parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FittedHypothesis {

@@ -23,10 +23,10 @@ use crate::null_distribution::Thresholds;
 use crate::recent::Recent;
 use crate::search::{Candidate, passes_cross_validation, search, separate_sets, shape_penalty};
 use crate::signature_bank::SignatureBank;
+use crate::significance::{THREE_SIGMA_CHI2, TWO_SIGMA_CHI2};
 use crate::spots::Spot;
 use geu_hypothesis::Hypothesis;
 
-use acceptance::REJECTED_CHI2;
 use refine::{fit_last, is_possible};
 
 pub use selected::{IdentifiedNoise, MAX_PER_GYRO, SelectedModel, SelectionStep};
@@ -37,8 +37,6 @@ const MAX_EFFECTS: usize = 6;
 const FITTED: usize = 4;
 /// Candidates with a smaller share of the best one's margin are not fitted.
 const NEAR: f64 = 0.93;
-/// Nor those that explain less than this share of their penalty: their shape parameters are almost optimal already.
-const MIN_SHARE: f64 = 0.8;
 /// Nor those whose χ² reduction is lower by this, if that is the lower limit.
 const NEAR_CHI2: f64 = 12.0;
 /// If none of the better ones is acceptable, candidates with this share of the best one's margin are fitted: on a gyro with two
@@ -48,8 +46,6 @@ const LESSER: f64 = 0.5;
 const NEEDLESS: f64 = 0.02;
 /// Scores that differ by less are equal.
 const EQUAL_CHI2: f64 = 0.5;
-/// A hypothesis is exchanged if another one is likelier by this, two sigma.
-const EXCHANGED_CHI2: f64 = 4.0;
 
 /// A fitted candidate: χ² reduction beyond its penalty, place among the candidates, state and equations with it.
 type Fit = (f64, usize, ModelState, NormalEquations);
@@ -175,7 +171,7 @@ fn grow(searches: &Searches, mut now: SelectedModel, per_gyro: usize, order: Ord
             best_fit(case, thresholds, &now.state, &now.normal, &candidates, is_predicted)
         };
         let mut chosen = fit(predicts);
-        let is_real = best > REJECTED_CHI2 && best > now.negligible(case);
+        let is_real = best > THREE_SIGMA_CHI2 && best > now.negligible(case);
         if chosen.is_none() && is_real && doubtful.is_none() {
             // Of two effects on a gyro neither may be predicted without the other.
             chosen = fit(|_| true);
@@ -243,9 +239,7 @@ fn best_fit(
         let mut equal: Vec<&Candidate> = rest.iter().filter(is_equal).collect();
         equal.sort_by(|one, other| share_of_limit(&one.hypothesis).total_cmp(&share_of_limit(&other.hypothesis)));
         let others = rest.iter().filter(|candidate| !is_equal(candidate));
-        let is_near = |candidate: &&Candidate| {
-            candidate.gain.chi2 > MIN_SHARE * penalty(candidate) && margin(candidate) >= min_margin
-        };
+        let is_near = |candidate: &&Candidate| margin(candidate) >= min_margin;
         let near: Vec<&Candidate> = equal.into_iter().chain(others).take(FITTED).filter(is_near).collect();
         rest = &rest[near.len().max(1)..];
         let near = without_needless_courses(near);
@@ -265,7 +259,7 @@ fn exchange(searches: &Searches, mut now: SelectedModel) -> SelectedModel {
     now
 }
 
-/// Replaces one hypothesis of several, if that lowers the score by [`EXCHANGED_CHI2`].
+/// Replaces one hypothesis of several, if that lowers the score by [`TWO_SIGMA_CHI2`].
 fn exchanged(searches: &Searches, now: &SelectedModel, index: usize) -> Option<SelectedModel> {
     let Searches { case, thresholds, .. } = *searches;
     if now.state.held.len() < 2 {
@@ -278,7 +272,7 @@ fn exchanged(searches: &Searches, now: &SelectedModel, index: usize) -> Option<S
     other.remove(index);
     other.steps.push(SelectionStep { candidates, kept: Some(state.held.len() - 1), added: Some(place) });
     (other.state, other.normal) = (state, normal);
-    let is_likelier = |other: &SelectedModel| other.penalised_chi2() < now.penalised_chi2() - EXCHANGED_CHI2;
+    let is_likelier = |other: &SelectedModel| other.penalised_chi2() < now.penalised_chi2() - TWO_SIGMA_CHI2;
     if !is_likelier(&other) {
         return None;
     }

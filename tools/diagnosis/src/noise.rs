@@ -12,10 +12,9 @@ use crate::linear_algebra::{dot, factored, inverse_roots, lower};
 use crate::measured::{BLOCK, BLOCK_S, Block, CHANNELS, MeasuredData, Series, TIMING};
 use crate::normal_equations::{Nuisance, RIDGE, THIRDS};
 use crate::rounding::{BlockRounding, Rounding};
+use crate::significance::MEDIAN_OF_NORMAL;
 use crate::whitening::{NoiseModel, Whitening};
 
-/// Median of the absolute value of a standard normal variable.
-const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_081_7;
 /// Maximum number of iterations of a fit of walk and white noise.
 const ITERATIONS: usize = 12;
 /// Search range of the logarithm of a white noise in one iteration.
@@ -30,8 +29,6 @@ const MIN_WHITE: f64 = 0.1 / 12.0 / BLOCK as f64;
 const MIN_TIMING: f64 = 0.01;
 /// Search range of the logarithm of a third's own walk.
 const OWN_RANGE: f64 = 3.0;
-/// Factors at which a walk is evaluated before it is fitted.
-const FACTORS: [f64; 2] = [1.5, 3.0];
 /// Growths on the grid of null recordings, and the difference of their logarithms: about 1 sigma of a walk at its threshold.
 const GROWTHS: i32 = 14;
 const GROWTH_STEP: f64 = 0.5;
@@ -310,9 +307,10 @@ pub fn fit(
     };
     let with =
         |log_walk: f64, log_white: f64| NoiseModel { white: log_white.exp(), ..noise.with(walk, log_walk.exp()) };
-    // A walk that is not likelier at any factor is not larger.
+    // A walk that is not likelier near its configured growth is not larger.
     let now = deviance(noise);
-    if FACTORS.iter().all(|factor| deviance(&with(start + factor.ln(), noise.white.ln())) >= now) {
+    let near = [0.5 * GROWTH_STEP, 2.0 * GROWTH_STEP];
+    if near.iter().all(|by| deviance(&with(start + by, noise.white.ln())) >= now) {
         return FittedNoise { noise: *noise, log_sigma: f64::NAN, fall: 0.0 };
     }
     // Walk and white noise in turn until both converge: first over the whole range, then near the last value.

@@ -13,7 +13,6 @@ use geu_model::package::Calibration;
 
 use crate::linear_algebra::{dot, factored, inverse_roots, lower};
 use crate::measured::{CHANNELS, Series};
-use crate::signature::Signature;
 use crate::signature_bank::Column;
 use crate::whitening::Whitening;
 use geu_hypothesis::amplitude::calibration_parameters;
@@ -279,14 +278,11 @@ impl NormalEquations {
         }
     }
 
-    /// Cross-validation of a signature: for each third of its information the reduction of −2 ln of the predictive density p(third | others)
-    /// = p(all) / p(others), with nuisances and amplitude integrated out of both. `None` for a third without which the amplitude is hardly
-    /// determined. The whitening filter runs across the bounds.
-    pub fn cross_validate(&self, signature: &Signature) -> [Option<f64>; THIRDS] {
-        let bounds = signature.bounds_of_thirds(self.residual[0].len());
-        let (gram, right) = parts(&self.columns, &self.residual, &bounds);
-        let products: [Products; THIRDS] =
-            std::array::from_fn(|third| signature.products_in(self, bounds[third]..bounds[third + 1]));
+    /// Cross-validation of a signature with these products in the thirds between bounds: for each third the reduction of −2 ln of the
+    /// predictive density p(third | others) = p(all) / p(others), with nuisances and amplitude integrated out of both. `None` for a third
+    /// without which the amplitude is hardly determined. The whitening filter runs across the bounds.
+    pub fn cross_validate(&self, bounds: &[usize; THIRDS + 1], products: &[Products; THIRDS]) -> [Option<f64>; THIRDS] {
+        let (gram, right) = parts(&self.columns, &self.residual, bounds);
         let of = |thirds: &[usize]| -> Option<(f64, f64)> {
             let gram: DMatrix<f64> = thirds.iter().map(|&third| &gram[third]).sum();
             let factor = factored(&gram, &self.scale, HELD_OUT_RIDGE);

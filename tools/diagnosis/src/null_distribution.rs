@@ -21,6 +21,7 @@ use crate::normal_equations::NormalEquations;
 use crate::search::{set_penalty, sets};
 use crate::signature::reaches;
 use crate::signature_bank::{Column, HypothesisFamily, SignatureBank, Variation};
+use crate::significance::FOUR_SIGMAS;
 use crate::sweep::{Swept, sweep};
 use crate::whiteness::{kurtosis, whiteness_statistic};
 use crate::whitening::NoiseModel;
@@ -41,9 +42,7 @@ const EULER: f64 = 0.577_215_664_901_532_9;
 const NOISE_RUNS: usize = 32;
 /// Minimum threshold of a larger walk, four sigma: eight hypotheses at one percent would be 10.3, but rounding that beats with a slow rate
 /// sometimes imitates a walk.
-const MIN_NOISE_CHI2: f64 = 16.0;
-/// Deviation of the kurtosis of normal values, in sigmas, that is exceeded as rarely: its distribution is skewed.
-const KURTOSIS_SIGMAS: f64 = 4.0;
+const MIN_NOISE_CHI2: f64 = FOUR_SIGMAS * FOUR_SIGMAS;
 /// Threshold of a family or channel without data.
 const NEVER: f64 = 1e9;
 
@@ -130,7 +129,7 @@ pub fn kurtosis_limits(
     std::array::from_fn(|channel| {
         let values: Vec<f64> = drawn.iter().map(|of_run| of_run[channel]).collect();
         let blocks = case.measured.blocks[channel].iter().filter(|block| block.is_compared).count().max(1) as f64;
-        let normal = 3.0 + KURTOSIS_SIGMAS * (24.0 / blocks).sqrt();
+        let normal = 3.0 + FOUR_SIGMAS * (24.0 / blocks).sqrt();
         quantile(&values, FALSE_REJECTION_RATE).map_or(NEVER, |limit| limit.max(normal))
     })
 }

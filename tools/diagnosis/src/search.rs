@@ -7,15 +7,12 @@ use crate::model_state::ModelState;
 use crate::normal_equations::{NormalEquations, SignatureFit, THIRDS};
 use crate::null_distribution::Thresholds;
 use crate::signature_bank::{HypothesisFamily, SignatureBank};
+use crate::significance::{THREE_SIGMA_CHI2, TWO_SIGMA_CHI2};
 use crate::spots::{Spot, spots};
 use geu_hypothesis::Hypothesis;
 use geu_hypothesis::amplitude::AmplitudeRef;
 use geu_hypothesis::gyros::{ALL_GYROS, Gyros};
 
-/// Maximum rise of χ² in the predictable thirds if one is not predictable: three sigma.
-const MAX_RISE_CHI2: f64 = 9.0;
-/// χ² reduction by a shape parameter for which it is fitted, two sigma; the penalty of each shape of a time course.
-pub const SHAPE_CHI2: f64 = 4.0;
 /// Candidates with optimised shape parameters.
 const OPTIMISED: usize = 16;
 /// Additional ones on each of several sets of gyros with separate hypotheses.
@@ -37,11 +34,11 @@ pub struct Candidate {
 }
 
 /// True if a cross-validation ([`NormalEquations::cross_validate`]) is positive in all. A third that contains nearly all information is not
-/// predictable; then the others may rise by `MAX_RISE_CHI2`.
+/// predictable; then the others may rise by `THREE_SIGMA_CHI2`.
 pub fn passes_cross_validation(held_out: &[Option<f64>; THIRDS]) -> bool {
     let all = held_out.iter().all(Option::is_some);
     let sum: f64 = held_out.iter().flatten().sum();
-    sum > if all { 0.0 } else { -MAX_RISE_CHI2 }
+    sum > if all { 0.0 } else { -THREE_SIGMA_CHI2 }
 }
 
 /// Sets of gyros on which one value of an amplitude may act, among the channels that it reaches.
@@ -55,7 +52,7 @@ pub fn sets(amplitude: &AmplitudeRef, reached: [bool; CHANNELS]) -> Vec<Gyros> {
 
 /// Penalty of the shapes of a time course: that of a shape parameter for each.
 pub fn shape_penalty(hypothesis: &Hypothesis) -> f64 {
-    SHAPE_CHI2 * hypothesis.course_shapes.len() as f64
+    TWO_SIGMA_CHI2 * hypothesis.course_shapes.len() as f64
 }
 
 /// Penalty of a set of two or three gyros beside one gyro or all of them: there are ten, together a tenth as likely, since a cause acts on
@@ -132,7 +129,7 @@ pub fn search(
     let best: Vec<Spot> = best.into_iter().enumerate().filter_map(is_kept).collect();
     let optimised = |spot: Spot| {
         let best = spot.optimised(bank, normal, |spot| spot.is_physical(bank, state)).unwrap_or(spot);
-        best.as_step(bank, normal, SHAPE_CHI2).filter(is_possible).unwrap_or(best)
+        best.as_step(bank, normal, TWO_SIGMA_CHI2).filter(is_possible).unwrap_or(best)
     };
     let mut best: Vec<Spot> = best.into_par_iter().map(optimised).collect();
     best.sort_by(|a, b| score(b).total_cmp(&score(a)));
@@ -141,7 +138,7 @@ pub fn search(
         hypothesis: spot.hypothesis(bank),
         family: spot.family(bank),
         gain: spot.gain,
-        held_out: normal.cross_validate(&spot.signature(bank, normal)),
+        held_out: spot.signature(bank, normal).cross_validate(normal),
         spot,
     };
     best.into_iter().map(candidate).collect()

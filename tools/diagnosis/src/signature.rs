@@ -1,7 +1,5 @@
 //! Signatures whitened by the noise of a recording.
 
-use std::ops::Range;
-
 use crate::linear_algebra::dot;
 use crate::measured::{CHANNELS, TIMING};
 use crate::normal_equations::{NormalEquations, Nuisance, Products, THIRDS};
@@ -38,15 +36,21 @@ impl Signature {
         Signature { white, products }
     }
 
-    /// Products in some blocks.
-    pub fn products_in(&self, normal: &NormalEquations, blocks: Range<usize>) -> Products {
-        let own = self.white.iter().enumerate();
-        let parts = own.filter_map(|(channel, own)| Some(normal.products_in(channel, own.as_ref()?, blocks.clone())));
-        parts.fold(Products::none(normal.nuisances()), |sum, part| sum.plus(&part))
+    /// Cross-validation by thirds of its information ([`NormalEquations::cross_validate`]).
+    pub fn cross_validate(&self, normal: &NormalEquations) -> [Option<f64>; THIRDS] {
+        let bounds = self.bounds_of_thirds(normal.residual[0].len());
+        let products = std::array::from_fn(|third| {
+            let own = self.white.iter().enumerate();
+            let blocks = bounds[third]..bounds[third + 1];
+            let parts =
+                own.filter_map(|(channel, own)| Some(normal.products_in(channel, own.as_ref()?, blocks.clone())));
+            parts.fold(Products::none(normal.nuisances()), |sum, part| sum.plus(&part))
+        });
+        normal.cross_validate(&bounds, &products)
     }
 
     /// First block of each third of its square, and the end.
-    pub fn bounds_of_thirds(&self, blocks: usize) -> [usize; THIRDS + 1] {
+    fn bounds_of_thirds(&self, blocks: usize) -> [usize; THIRDS + 1] {
         let mut squares = vec![0.0; blocks];
         for Column { from, values } in self.white.iter().flatten() {
             squares[*from..].iter_mut().zip(values).for_each(|(sum, value)| *sum += value * value);

@@ -36,7 +36,7 @@ const FORMULAS_OF_A_RUN: usize = 64;
 /// Minimum cosine between a computed signature and a run.
 const SAME_SIGNATURE: f64 = 0.95;
 /// Minimum cosine from which a fit uses the computed signature: the change of χ² by the rest is 1 in 10 000.
-const EXACT_SIGNATURE: f64 = 0.9999;
+pub const EXACT_SIGNATURE: f64 = 0.9999;
 /// Values, over the one that was run, for which a nonlinear signature is valid. The neighbouring runs lie within.
 const NEAR_SIZES: Range<f64> = 0.4..2.5;
 /// Blocks after a jump of the angle that are evaluated with an exact reference: the filter forgets it. With a noisy one it remembers.

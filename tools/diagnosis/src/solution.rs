@@ -6,7 +6,6 @@ use geu_calibration::window::ManoeuvreWindow;
 use geu_model::Configuration;
 
 use crate::diagnosis_case::DiagnosisCase;
-use crate::fitted_hypothesis::SAME_SIGMAS;
 use crate::linear_signatures::LinearSignatures;
 use crate::measured::{BLOCK, CHANNELS, MeasuredData, Series, Shifts};
 use crate::model_selection::{MAX_PER_GYRO, Searches, SelectedModel, select_model};
@@ -15,6 +14,7 @@ use crate::noise;
 use crate::null_distribution::{Thresholds, thresholds};
 use crate::rounding::{CLOSED_LOOP, CLOSED_LOOP_WITH_EFFECTS, correlation_with_motion};
 use crate::signature_bank::SignatureBank;
+use crate::significance::THREE_SIGMAS;
 use crate::whiteness::whiteness_statistic;
 use crate::whitening::NoiseModel;
 use geu_hypothesis::amplitude::AmplitudeRef;
@@ -190,7 +190,7 @@ fn merge_gyros(case: &DiagnosisCase, selected: &mut SelectedModel) {
             let agree = one.hypothesis.parameters().iter().zip(other.hypothesis.parameters()).enumerate().all(
                 |(index, (a, b))| {
                     let sigma = one.sigmas[index].hypot(other.sigmas[index]);
-                    a.value == b.value || (a.value - b.value).abs() < SAME_SIGMAS * sigma
+                    a.value == b.value || (a.value - b.value).abs() < THREE_SIGMAS * sigma
                 },
             );
             one.hypothesis.amplitude == other.hypothesis.amplitude && !one.hypothesis.amplitude.is_of_unit() && agree

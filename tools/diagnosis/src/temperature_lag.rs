@@ -10,6 +10,7 @@ use crate::fitted_hypothesis::FittedHypothesis;
 use crate::model_state::ModelState;
 use crate::normal_equations::NormalEquations;
 use crate::signature_bank::{HypothesisFamily, SignatureBank, Variation};
+use crate::significance::THREE_SIGMA_CHI2;
 use crate::spots::Spot;
 use geu_hypothesis::Hypothesis;
 use geu_hypothesis::amplitude::AmplitudeRef;
@@ -18,8 +19,6 @@ use geu_hypothesis::amplitude::AmplitudeRef;
 const GRID_S: [f64; 9] = [-300.0, 0.0, 150.0, 300.0, 450.0, 600.0, 900.0, 1200.0, 1800.0];
 /// Steps of the refinement, s, from half of the largest spacing.
 const STEPS_S: [f64; 4] = [150.0, 75.0, 40.0, 20.0];
-/// Penalty of a lag, three sigma.
-pub const LAG_CHI2: f64 = 9.0;
 /// A signature is not fitted if it explains less than this share of the hypothesis that it replaces.
 const MIN_SHARE: f64 = 0.5;
 
@@ -53,7 +52,7 @@ fn kind() -> Option<usize> {
 
 /// Penalty of the lag of a state, common to all hypotheses that follow the temperature.
 pub fn lag_chi2(state: &ModelState) -> f64 {
-    if state.shifts.temperature_s == 0.0 { 0.0 } else { LAG_CHI2 }
+    if state.shifts.temperature_s == 0.0 { 0.0 } else { THREE_SIGMA_CHI2 }
 }
 
 /// Replaces the hypothesis at `index` by one that follows the temperature, with the likeliest of the accepted delays. `penalty` gives
@@ -89,7 +88,7 @@ pub fn likeliest(
     let hypothesis = Hypothesis { amplitude, value, course_shapes: Vec::new(), ..found.clone() };
     let fitted = |late_s: f64| {
         let mut own = state.clone();
-        let held_out = others.cross_validate(&spot.signature(&bank.late(late_s), &others));
+        let held_out = spot.signature(&bank.late(late_s), &others).cross_validate(&others);
         own.held[index] =
             FittedHypothesis::new(hypothesis.clone()).with_penalty(penalty(family, &hypothesis), held_out);
         own.set_temperature_lag(late_s);

@@ -9,6 +9,7 @@
 //!
 //! Stated sigmas weight the rows. Their scale is that of the scatter found, as without a statement: a common factor changes no weight.
 
+use crate::significance::MEDIAN_OF_NORMAL;
 use geu_calibration::AccumulatedCounts;
 use geu_calibration::transfer::misalignment_matrix;
 use geu_checks::median;
@@ -29,8 +30,6 @@ const EXACT_ARCSEC: f64 = 0.6;
 const GLITCH_SIGMAS: f64 = 8.0;
 /// Minimum eigenvalue of the normal matrix of the gyros in use: 1 with a gyro along each axis, the square of a misalignment without.
 const MIN_EIGENVALUE: f64 = 0.5;
-/// Median of the absolute value of a standard normal variable.
-const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_081_7;
 /// A smoothed reference.
 #[derive(Debug)]
 pub struct SmoothedReference {

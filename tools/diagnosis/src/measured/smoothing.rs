@@ -3,6 +3,7 @@
 //! What is left of either noise is part of the motion, and the signature of an effect that depends on small rates contains it: a dead
 //! zone would withhold the noise, and explain it. At rest and at steady rates the smoothing therefore reaches far.
 
+use crate::significance::THREE_SIGMAS;
 use nalgebra::Vector3;
 
 /// Weights of a cubic through seven nodes (Savitzky and Golay): half of the rounding's variance stays, and 94 % of a limit cycle of 5 s.
@@ -18,8 +19,6 @@ const TRANSITION: usize = 8;
 const REACHES_S: [f64; 5] = [30.0, 60.0, 120.0, 240.0, 480.0];
 /// Minimum number of points to either side.
 pub const REACH_ROWS: usize = 4;
-/// A longer line is refused if it departs from a shorter one by more, in sigmas of the shorter one (Lepski).
-const DEPARTURE_SIGMAS: f64 = 3.0;
 
 /// Accumulated angles from counts, without their rounding: a line where the rate is steady, a local cubic elsewhere.
 pub fn without_rounding(angles: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
@@ -132,7 +131,7 @@ impl LineSums {
         for reach_s in &REACHES_S[..if sigma.is_some() { REACHES_S.len() } else { 1 }] {
             let line = self.line(at_s, *reach_s);
             let is_off = |(shorter, variance): &(Vector3<f64>, f64)| {
-                let limit = sigma.unwrap_or_default() * (DEPARTURE_SIGMAS * variance.sqrt());
+                let limit = sigma.unwrap_or_default() * (THREE_SIGMAS * variance.sqrt());
                 (line.0 - shorter).iter().zip(&limit).any(|(departure, limit)| departure.abs() > *limit)
             };
             if lines.iter().any(is_off) {

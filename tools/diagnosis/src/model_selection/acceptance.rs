@@ -12,20 +12,15 @@ use crate::null_distribution::Thresholds;
 use crate::search::{Candidate, passes_cross_validation, search};
 use crate::signature::Signature;
 use crate::signature_bank::SignatureBank;
+use crate::significance::{THREE_SIGMA_CHI2, THREE_SIGMAS};
 use geu_hypothesis::gyros::{Gyros, only};
 
 use super::noise::rate_walk_fall;
 use super::selected::{MAX_PER_GYRO, RejectedHypothesis, SelectedModel};
 
-/// A gain above the threshold by more than this, three sigma, is real even if no hypothesis explains it.
-pub(super) const REJECTED_CHI2: f64 = 9.0;
 /// A smaller share of the whole χ² reduction may be an error of the other hypotheses: a signature with a cosine of 0.995 to the true
 /// one leaves as much.
 const NEGLIGIBLE: f64 = 0.01;
-/// Minimum sum of the cross-validation of all thirds for a second effect on a gyro, three sigma.
-const PREDICTED_CHI2: f64 = 9.0;
-/// Minimum amplitude of each of two effects on a gyro, in sigmas: smaller ones compensate each other.
-const DETERMINED_SIGMAS: f64 = 3.0;
 
 impl SelectedModel {
     /// True if a formula might be better: beside the hypotheses, in place of one of them, or if there are several on a gyro or noise.
@@ -62,7 +57,7 @@ impl SelectedModel {
     pub fn cross_validate(&mut self, case: &DiagnosisCase) {
         let held_out = |index: usize| {
             let (_, normal, _) = self.without(case, index);
-            normal.cross_validate(&Signature::new(&normal, &case.signature(&self.state, index)))
+            Signature::new(&normal, &case.signature(&self.state, index)).cross_validate(&normal)
         };
         let all: Vec<_> = (0..self.state.held.len()).into_par_iter().map(held_out).collect();
         self.state.held.iter_mut().zip(all).for_each(|(held, own)| held.held_out = own);
@@ -95,8 +90,8 @@ impl SelectedModel {
             let alone = || self.on(gyro).map(|(_, held)| held).filter(|held| held.hypothesis.gyros == only(gyro));
             let is_doubtful = |held: &FittedHypothesis| {
                 held.hypothesis.amplitude.formula().is_some()
-                    || held.held_out.iter().flatten().sum::<f64>() < PREDICTED_CHI2
-                    || held.hypothesis.value.abs() < DETERMINED_SIGMAS * held.sigmas[0]
+                    || held.held_out.iter().flatten().sum::<f64>() < THREE_SIGMA_CHI2
+                    || held.hypothesis.value.abs() < THREE_SIGMAS * held.sigmas[0]
             };
             count > MAX_PER_GYRO || is_noisy && count > 1 || alone().count() > 1 && alone().any(is_doubtful)
         })
@@ -127,7 +122,7 @@ impl SelectedModel {
     /// The score, and the rejected hypothesis only if it has a better one: walks may explain the same.
     pub(super) fn settled(mut self, case: &DiagnosisCase, thresholds: &Thresholds) -> (SelectedModel, f64) {
         let score = self.score(case, thresholds);
-        self.rejected = self.rejected.filter(|rejected| rejected.score + REJECTED_CHI2 < score);
+        self.rejected = self.rejected.filter(|rejected| rejected.score + THREE_SIGMA_CHI2 < score);
         let best = self.rejected.map_or(score, |rejected| rejected.score);
         (self, best)
     }

@@ -8,26 +8,19 @@ use crate::fitted_hypothesis::FittedHypothesis;
 use crate::model_state::ModelState;
 use crate::normal_equations::{NormalEquations, THIRDS};
 use crate::null_distribution::Thresholds;
-use crate::search::{SHAPE_CHI2, passes_cross_validation};
+use crate::search::passes_cross_validation;
 use crate::signature_bank::SignatureBank;
+use crate::significance::{FOUR_SIGMAS, THREE_SIGMAS, TWO_SIGMA_CHI2};
 use crate::temperature_lag::{LaggedFit, likeliest};
 
 use super::selected::SelectedModel;
 
-/// A shape parameter with a default is fitted if χ² falls by [`SHAPE_CHI2`], or if its relative sigma is below this.
+/// A shape parameter with a default is fitted if χ² falls by [`TWO_SIGMA_CHI2`], or if its relative sigma is below this.
 const SHAPE_SIGMA: f64 = 0.2;
 /// First shift of an onset in the search for its limits, s.
 const ONSET_S: f64 = 10.0;
 /// Largest shift of an onset, s.
 const MAX_ONSET_S: f64 = 2000.0;
-/// Rise of χ² at the limits of an onset: rounding of counts alone makes 1 or 2.
-const ONSET_CHI2: f64 = 4.0;
-/// Half the width between the limits, in sigmas, above which χ² is flat; that of a parabola is 2.
-const FLAT_SIGMAS: f64 = 3.0;
-/// Minimum amplitude in sigmas.
-const AMPLITUDE_SIGMAS: f64 = 1.0;
-/// Maximum distance of a number of counts from a whole one, in sigmas.
-const WHOLE_SIGMAS: f64 = 4.0;
 
 /// Fits a state. Between two motions the amplitude of a last hypothesis that settles and its onset are one number: then the onset stays.
 pub(super) fn fit_last(case: &DiagnosisCase, state: &mut ModelState) -> NormalEquations {
@@ -49,7 +42,7 @@ pub(super) fn fit_last(case: &DiagnosisCase, state: &mut ModelState) -> NormalEq
 
 /// True if the amplitude exceeds its sigma: a smaller one is compensated by another parameter of the same hypothesis.
 fn is_determined(held: &FittedHypothesis) -> bool {
-    held.hypothesis.value.abs() > AMPLITUDE_SIGMAS * held.sigmas[0]
+    held.hypothesis.value.abs() > held.sigmas[0]
 }
 
 /// True if the parameters are within their limits, the amplitude exceeds its sigma, a number of counts is whole, and a course neither
@@ -58,7 +51,7 @@ pub(super) fn is_possible(held: &FittedHypothesis) -> bool {
     let size = &held.hypothesis.parameters()[0];
     let is_whole = size.role != Role::Count || {
         let off = (size.value - size.value.round()).abs();
-        size.value.round() != 0.0 && off <= WHOLE_SIGMAS * held.sigmas[0].max(0.01)
+        size.value.round() != 0.0 && off <= FOUR_SIGMAS * held.sigmas[0].max(0.01)
     };
     let mut shapes = held.hypothesis.amplitude.course_shapes().iter().zip(&held.hypothesis.course_shapes);
     let is_slow = shapes.all(|(number, value)| shortest_s(number.role).is_none_or(|shortest_s| *value >= shortest_s));
@@ -132,7 +125,7 @@ impl SelectedModel {
             let own = &tried.held[last];
             let is_determined = own.sigmas[index] < SHAPE_SIGMA * own.hypothesis.parameters()[index].value.abs();
             let fall = self.normal.squares() - normal.squares();
-            if is_possible(own) && (fall > SHAPE_CHI2 || fall >= 0.0 && is_determined) {
+            if is_possible(own) && (fall > TWO_SIGMA_CHI2 || fall >= 0.0 && is_determined) {
                 (self.state, self.normal) = (tried, normal);
             }
         }
@@ -157,22 +150,22 @@ impl SelectedModel {
             };
             let limit_s = |sign: f64| {
                 let (mut inside, mut outside) = (0.0, ONSET_S);
-                while moved(sign * outside).0 <= ONSET_CHI2 && outside < MAX_ONSET_S {
+                while moved(sign * outside).0 <= TWO_SIGMA_CHI2 && outside < MAX_ONSET_S {
                     (inside, outside) = (outside, 2.0 * outside);
                 }
                 while outside - inside > 0.1 * outside {
                     let middle = 0.5 * (inside + outside);
-                    if moved(sign * middle).0 > ONSET_CHI2 { outside = middle } else { inside = middle }
+                    if moved(sign * middle).0 > TWO_SIGMA_CHI2 { outside = middle } else { inside = middle }
                 }
                 inside
             };
             let (before_s, after_s) = rayon::join(|| limit_s(-1.0), || limit_s(1.0));
             let half_s = 0.5 * (before_s + after_s);
-            if half_s <= FLAT_SIGMAS * self.state.held[index].sigmas[place] {
+            if half_s <= THREE_SIGMAS * self.state.held[index].sigmas[place] {
                 continue;
             }
             let (rise, mut state) = moved(0.5 * (after_s - before_s));
-            if rise > ONSET_CHI2 {
+            if rise > TWO_SIGMA_CHI2 {
                 self.state.held[index].sigmas[place] = before_s.max(after_s);
                 continue;
             }

@@ -6,8 +6,8 @@ use geu_model::time_profile::Size;
 use rayon::prelude::*;
 
 use super::ConstantSignature;
-use crate::courses::SHORTEST_BLOCKS;
-use crate::measured::{BLOCK_S, TIMING};
+use crate::courses::SHORTEST_S;
+use crate::measured::TIMING;
 use geu_hypothesis::amplitude::AmplitudeRef;
 
 /// Factor between neighbouring values of a nonlinear amplitude.
@@ -61,7 +61,7 @@ pub fn own_shapes(amplitude: &AmplitudeRef, configuration: &Configuration) -> Ve
     let mut all = vec![defaults.clone()];
     for (index, number) in amplitude.own_shapes().iter().enumerate() {
         let shortest = match number.role {
-            Role::TimeConstant => SHORTEST_BLOCKS * BLOCK_S,
+            Role::TimeConstant => SHORTEST_S,
             Role::Width => 0.0,
             _ => continue,
         };
