@@ -28,6 +28,8 @@ const FULL_SCALE_ARCSEC_S: f64 = 720.0;
 const HYSTERESIS_WIDTH_K: f64 = 0.2;
 /// Processes of the flicker: two a decade from 1 s to 10⁵ s, and a half beyond.
 const FLICKER_PROCESSES: usize = 12;
+/// Rates within a step that a dead zone is applied to.
+const ZONE_POINTS: usize = 16;
 
 /// The reference unit: SF, D and misalignments about X, Y and Z.
 pub const REFERENCE_UNIT: [(f64, f64, [f64; 3]); 4] = [
@@ -91,6 +93,7 @@ struct Channel {
     flicker: [f64; FLICKER_PROCESSES],
     /// The sensed rate, once it lags.
     lagging_arcsec_s: Option<f64>,
+    rate_before_zone: Option<f64>,
     /// Electronics temperature in the middle of the play.
     play_c: Option<f64>,
     /// The float's angle, once it rests.
@@ -142,6 +145,7 @@ impl Unit {
                 scale_factor_error: 0.0,
                 flicker: [0.0; FLICKER_PROCESSES],
                 lagging_arcsec_s: None,
+                rate_before_zone: None,
                 play_c: None,
                 float_arcsec: None,
                 output_rate: None,
@@ -278,6 +282,16 @@ impl Unit {
     }
 }
 
+/// Mean of a rate over a step without its part in a dead zone; it changes evenly about its mean. Whole steps in or out of the zone would
+/// make a random walk of the limit cycle, which passes the limits of a zone thousands of times an hour.
+fn outside_zone(zone: f64, mean: f64, change: f64) -> f64 {
+    if zone == 0.0 {
+        return mean;
+    }
+    let rates = (0..ZONE_POINTS).map(|point| mean + change * ((point as f64 + 0.5) / ZONE_POINTS as f64 - 0.5));
+    rates.filter(|rate| rate.abs() >= zone).sum::<f64>() / ZONE_POINTS as f64
+}
+
 impl Channel {
     /// The noises of a sample: the deviation of their increments grows with the root of time.
     fn walk(&mut self, own: &Quantities, length_s: f64) {
@@ -314,7 +328,8 @@ impl Channel {
         let after = if lag_s > 0.0 { input + (before - input) * libm::exp(-step_s / lag_s) } else { input };
         self.lagging_arcsec_s = Some(after);
         let lagged = if lag_s > 0.0 { input - lag_s * (after - before) / step_s } else { input };
-        if lagged.abs() < own.get(DeadZone) { 0.0 } else { lagged }
+        let change = lagged - self.rate_before_zone.replace(lagged).unwrap_or(lagged);
+        outside_zone(own.get(DeadZone), lagged, change)
     }
 
     /// The angle sensed in a step, and the rate about the input axis.
