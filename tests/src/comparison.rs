@@ -19,15 +19,35 @@ pub const SIGNIFICANT: f64 = 25.0;
 /// measured is 0.983…1.011; rounding is not quite white while a gyro rests.
 pub const NOISE_LIKE: std::ops::Range<f64> = 0.97..1.03;
 
+/// What a capture contains.
 #[derive(Default)]
-struct Rows(Vec<ReceivedSample>);
+pub struct Received {
+    /// Each sample.
+    pub rows: Vec<ReceivedSample>,
+    /// Each defect, without its bytes.
+    pub defects: Vec<Defect<'static>>,
+}
 
-impl Sink for Rows {
+impl Sink for Received {
     fn row(&mut self, row: &ReceivedSample) {
-        self.0.push(*row);
+        self.rows.push(*row);
     }
     fn defect(&mut self, defect: &Defect) {
-        panic!("{}", defect.place_text());
+        self.defects.push(Defect { input: "link.log", bytes: &[], ..*defect });
+    }
+}
+
+impl Received {
+    /// A capture.
+    ///
+    /// # Panics
+    /// If the file cannot be read.
+    pub fn read(link: &Path) -> Received {
+        let (mut reader, mut received) =
+            (InputReader::new(DecoderOptions::default(), Stop::default()), Received::default());
+        reader.read(&link.to_string_lossy(), &mut received).expect("a recording");
+        reader.finish(&mut received).1.expect("a recording");
+        received
     }
 }
 
@@ -45,11 +65,10 @@ impl Recording {
     /// # Panics
     /// If a file cannot be read, or has a defect.
     pub fn read(link: &Path, reference: &Path) -> Recording {
-        let (mut reader, mut rows) = (InputReader::new(DecoderOptions::default(), Stop::default()), Rows::default());
-        reader.read(&link.to_string_lossy(), &mut rows).expect("a recording");
-        reader.finish(&mut rows).1.expect("a recording");
+        let Received { rows, defects } = Received::read(link);
+        assert!(defects.is_empty(), "{}", defects[0].place_text());
         let reference = ReferenceAttitude::read(&reference.to_string_lossy()).expect("a reference");
-        Recording { rows: rows.0, reference }
+        Recording { rows, reference }
     }
 
     /// Measured against the reference unit with these overrides.

@@ -9,7 +9,7 @@ use geu_diagnosis::{Diagnosis, DiagnosisOptions, Verdict, diagnose_rows, report}
 use geu_model::Configuration;
 use geu_plant::{Gyro, IndependentModel, MotionKind, PlantedEffect, ReferenceKind};
 use geu_recording::ReferenceAttitude;
-use geu_tests::comparison::Recording;
+use geu_tests::comparison::Received;
 use geu_tests::give_way;
 
 const STAR_TRACKER: ReferenceKind = ReferenceKind::Quaternions { steps: 40, sigma_arcsec: 4.0 };
@@ -21,17 +21,35 @@ fn uneven(rows: usize, stated: f64) -> ReferenceKind {
 
 /// The diagnosis of a recording, and its reference with `change` made to each row: `None` leaves it out.
 fn diagnosed(model: &IndependentModel, change: impl Fn(usize, &str) -> Option<String>) -> Diagnosis {
+    diagnosed_of(model, model.record(), change)
+}
+
+/// The diagnosis of a recording of which a frame in fifty is lost, at random.
+fn diagnosed_with_losses(model: &IndependentModel) -> Diagnosis {
+    let mut recording = model.record();
+    let mut state = model.seed;
+    let is_kept = |_: &&str| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        state >> 33 > (1 << 31) / 50
+    };
+    recording.link = recording.link.lines().filter(is_kept).collect::<Vec<_>>().join("\n") + "\n";
+    diagnosed_of(model, recording, as_recorded)
+}
+
+fn diagnosed_of(
+    model: &IndependentModel,
+    recording: geu_plant::Recording,
+    change: impl Fn(usize, &str) -> Option<String>,
+) -> Diagnosis {
     give_way();
     let directory = tempfile::tempdir().expect("a directory");
-    let recording = model.record();
-    let [link, exact, changed] = ["link.log", "exact.csv", "changed.csv"].map(|name| directory.path().join(name));
+    let [link, changed] = ["link.log", "changed.csv"].map(|name| directory.path().join(name));
     fs::write(&link, recording.link).expect("written");
-    fs::write(&exact, &recording.reference).expect("written");
     let rows = recording.reference.lines().enumerate();
     let rows: Vec<String> =
         rows.filter_map(|(row, text)| if row == 0 { Some(text.to_owned()) } else { change(row, text) }).collect();
     fs::write(&changed, rows.join("\n")).expect("written");
-    let rows = Recording::read(&link, &exact).rows;
+    let Received { rows, defects } = Received::read(&link);
     let reference = ReferenceAttitude::read_with_gaps(&changed.to_string_lossy()).expect("a reference");
     let options = DiagnosisOptions {
         seed: 1,
@@ -42,7 +60,8 @@ fn diagnosed(model: &IndependentModel, change: impl Fn(usize, &str) -> Option<St
         keep: &|_, _| (),
         progress: &|_| (),
     };
-    let diagnosis = diagnose_rows(&rows, &[], &Configuration::reference(), &reference, &options).expect("a recording");
+    let diagnosis =
+        diagnose_rows(&rows, &defects, &Configuration::reference(), &reference, &options).expect("a recording");
     println!("== seed {}: {:?}: {}", model.seed, model.effects, diagnosis.verdict.name());
     missing(&diagnosis).for_each(|entry| println!("   {}", report::heading(entry)));
     diagnosis.findings.iter().for_each(|finding| println!("   {}: {}", finding.kind, finding.text));
@@ -157,6 +176,28 @@ fn slews_without_a_limit_cycle_yield_no_name() {
     for (seed, motion) in [(321, MotionKind::ClosedLoop), (322, MotionKind::ClosedLoop), (323, MotionKind::RateTable)] {
         let model = IndependentModel { motion, ..IndependentModel::new(seed, Vec::new()) };
         assert_consistent(&diagnosed(&model, as_recorded));
+    }
+}
+
+#[test]
+#[ignore = "minutes; .ci/run has it"]
+fn lost_frames_in_a_closed_loop_yield_no_name() {
+    for seed in [324, 325, 326] {
+        let model = IndependentModel { motion: MotionKind::ClosedLoop, ..IndependentModel::new(seed, Vec::new()) };
+        assert_consistent(&diagnosed_with_losses(&model));
+    }
+}
+
+/// The motion between the rows of a reference is not known as exactly as a zone with sharp limits requires.
+#[test]
+#[ignore = "minutes; .ci/run has it"]
+fn a_dead_zone_gets_no_other_name() {
+    for (seed, gyro) in [(381, Gyro::Y), (382, Gyro::X), (383, Gyro::Zb)] {
+        let injected = PlantedEffect::new("dead-zone", &[gyro], &[("arcsec_per_s", 3.0)]);
+        let diagnosis = diagnosed(&IndependentModel::new(seed, vec![injected]), as_recorded);
+        assert_ne!(diagnosis.verdict, Verdict::Consistent);
+        let other = missing(&diagnosis).find(|entry| !["dead-zone", "angle-random-walk"].contains(&&entry.code[..]));
+        assert!(other.is_none(), "{other:?}");
     }
 }
 
