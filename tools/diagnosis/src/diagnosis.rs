@@ -168,6 +168,8 @@ impl Report<'_> {
             std::array::from_fn(|gyro| channels[gyro] > thresholds.whiteness_statistic || overfitted[gyro])
         };
         let mut overfitted = selected.overfitted_gyros(case.nominal);
+        let beside_zone = selected.beside_nonlinear_filter(self.entries.bank);
+        overfitted.iter_mut().zip(beside_zone).for_each(|(overfitted, is_beside)| *overfitted |= is_beside);
         let left = selected.normal.projected_residual();
         // A random walk is Gaussian and stationary: a residual with bursts, or that grows in one third only, is none.
         let (residual, nuisances) = case.linearised(&mut selected.state);

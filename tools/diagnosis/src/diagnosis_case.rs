@@ -134,8 +134,12 @@ impl<'a> DiagnosisCase<'a> {
         (residual, self.nuisances.iter().chain(of_held).cloned().collect())
     }
 
-    /// The state at the next calibration parameters and lag of the grid.
+    /// The state at the next calibration parameters and lag of the grid; itself if an effect withholds motions, and with them what a
+    /// calibration parameter adds.
     fn on_grid(&self, state: &ModelState) -> ModelState {
+        if state.held.iter().any(|held| held.hypothesis.amplitude.filters_motion()) {
+            return state.clone();
+        }
         let mut values = on_grid(&state.nuisances(), &self.origin);
         let lag_s = values.pop().unwrap_or_default();
         ModelState { calibration: values, shifts: Shifts { lag_s, ..state.shifts }, ..state.clone() }

@@ -18,15 +18,17 @@ use crate::diagnosis_case::DiagnosisCase;
 use crate::fitted_hypothesis::FittedHypothesis;
 use crate::measured::TIMING;
 use crate::model_state::ModelState;
-use crate::normal_equations::NormalEquations;
+use crate::normal_equations::{NormalEquations, THIRDS};
 use crate::null_distribution::Thresholds;
 use crate::recent::Recent;
 use crate::search::{Candidate, passes_cross_validation, search, separate_sets, shape_penalty};
-use crate::signature_bank::SignatureBank;
+use crate::signature::Signature;
+use crate::signature_bank::{SIZE_FACTOR, SignatureBank};
 use crate::significance::{THREE_SIGMA_CHI2, TWO_SIGMA_CHI2};
 use crate::spots::Spot;
 use geu_hypothesis::Hypothesis;
 
+use acceptance::negligible;
 use refine::{fit_last, is_possible};
 
 pub use selected::{IdentifiedNoise, MAX_PER_GYRO, SelectedModel, SelectionStep};
@@ -44,9 +46,13 @@ const NEAR_CHI2: f64 = 12.0;
 const LESSER: f64 = 0.5;
 /// A time course is not fitted if a likelier one of the same amplitude explains as much up to this share.
 const NEEDLESS: f64 = 0.02;
+/// Values of a steep amplitude between neighbouring ones of the search.
+const VALUES: i32 = 5;
 /// Scores that differ by less are equal.
 const EQUAL_CHI2: f64 = 0.5;
 
+/// Cross-validation of a hypothesis.
+type HeldOut = [Option<f64>; THIRDS];
 /// A fitted candidate: χ² reduction beyond its penalty, place among the candidates, state and equations with it.
 type Fit = (f64, usize, ModelState, NormalEquations);
 
@@ -75,10 +81,36 @@ impl<'a> Searches<'a> {
         let key = hasher.finish();
         self.known.find(key).unwrap_or_else(|| {
             let bank = self.bank.late(state.shifts.temperature_s);
-            let found = search(&bank, normal, state, Some(self.thresholds));
+            let mut found = search(&bank, normal, state, Some(self.thresholds));
+            self.drop_errors_of_motion(&mut found, state, normal);
             self.known.keep(key, &found);
             found
         })
+    }
+
+    /// Removes what may be an error of an effect that withholds motions, such as a dead zone, since the motion between the rows of the
+    /// reference is not known: a negligible reduction of χ² on its gyro, and lost counts that are not more than it withholds in a sample.
+    fn drop_errors_of_motion(&self, found: &mut Vec<Candidate>, state: &ModelState, normal: &NormalEquations) {
+        let mut others = state.clone();
+        others.held.retain(|held| !held.hypothesis.amplitude.filters_motion());
+        if others.held.len() == state.held.len() {
+            return;
+        }
+        let [with, without] = [state, &others].map(|state| self.case.run(state));
+        let withheld_counts: [f64; TIMING] = std::array::from_fn(|gyro| {
+            let withheld: Vec<f64> =
+                with[gyro].iter().zip(&without[gyro]).map(|(with, without)| with - without).collect();
+            withheld.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max)
+        });
+        let negligible = negligible(self.case, state, normal);
+        found.retain(|Candidate { hypothesis, gain, .. }| {
+            let counts = if hypothesis.amplitude.is_count() { hypothesis.value.abs() } else { f64::INFINITY };
+            let is_error = |gyro: usize| {
+                let withheld = withheld_counts[gyro];
+                hypothesis.gyros[gyro] && withheld > 0.0 && (gain.chi2 < negligible || counts < withheld)
+            };
+            !(0..TIMING).any(is_error)
+        });
     }
 }
 
@@ -167,10 +199,10 @@ fn grow(searches: &Searches, mut now: SelectedModel, per_gyro: usize, order: Ord
             now.is_cut = best > 0.0;
             break;
         }
-        let fit = |is_predicted: fn(&Candidate) -> bool| {
+        let fit = |is_predicted: fn(&HeldOut) -> bool| {
             best_fit(case, thresholds, &now.state, &now.normal, &candidates, is_predicted)
         };
-        let mut chosen = fit(predicts);
+        let mut chosen = fit(passes_cross_validation);
         let is_real = best > THREE_SIGMA_CHI2 && best > now.negligible(case);
         if chosen.is_none() && is_real && doubtful.is_none() {
             // Of two effects on a gyro neither may be predicted without the other.
@@ -203,10 +235,6 @@ fn grow(searches: &Searches, mut now: SelectedModel, per_gyro: usize, order: Ord
     (now, is_other)
 }
 
-fn predicts(candidate: &Candidate) -> bool {
-    passes_cross_validation(&candidate.held_out)
-}
-
 /// Fits the best candidates beside a state; the likeliest acceptable one. If none is acceptable, the next ones are fitted.
 fn best_fit(
     case: &DiagnosisCase,
@@ -214,21 +242,39 @@ fn best_fit(
     state: &ModelState,
     normal: &NormalEquations,
     candidates: &[Candidate],
-    is_predicted: fn(&Candidate) -> bool,
+    is_predicted: fn(&HeldOut) -> bool,
 ) -> Option<Fit> {
     let penalty = |candidate: &Candidate| thresholds.penalty(candidate.family, &candidate.hypothesis);
     let margin = |candidate: &Candidate| candidate.gain.chi2 - penalty(candidate);
-    let fitted = |candidate: &Candidate| -> Option<Fit> {
-        let mut tried = state.clone();
-        let held = FittedHypothesis::new(candidate.hypothesis.clone());
+    let fit_from = |start: &ModelState, candidate: &Candidate, hypothesis: Hypothesis| {
+        let mut tried = start.clone();
+        let held = FittedHypothesis::new(hypothesis);
         tried.held.push(held.with_penalty(penalty(candidate), candidate.held_out));
         let tried_normal = fit_last(case, &mut tried);
+        (tried, tried_normal)
+    };
+    let fitted = |candidate: &Candidate| -> Option<Fit> {
+        let own = &candidate.hypothesis;
+        let (mut tried, tried_normal) = match candidate.is_steep {
+            true => steep_starts(case, state, own)
+                .into_iter()
+                .map(|(start, own)| fit_from(&start, candidate, own))
+                .min_by(|one, other| one.1.squares().total_cmp(&other.1.squares()))?,
+            false => fit_from(state, candidate, own.clone()),
+        };
+        let last = tried.held.len() - 1;
+        if !candidate.is_linear {
+            // The signature of the search is that of another value.
+            let signature = case.signature(&tried, last);
+            tried.held[last].held_out = Signature::new(normal, &signature).cross_validate(normal);
+        }
+        let held = &tried.held[last];
         let fall = normal.squares() - tried_normal.squares() - penalty(candidate);
         // The first of the candidates with this spot.
         let key = |spot: &Spot| (spot.base, spot.variation.clone(), spot.gyros);
         let place = candidates.iter().position(|other| key(&other.spot) == key(&candidate.spot))?;
-        let is_accepted = fall > 0.0 && is_predicted(candidate);
-        (is_accepted && is_possible(tried.held.last()?)).then_some((fall, place, tried, tried_normal))
+        let is_accepted = fall > 0.0 && is_predicted(&held.held_out) && is_possible(held);
+        is_accepted.then_some((fall, place, tried, tried_normal))
     };
     let min = LESSER * margin(candidates.first()?);
     let mut rest = candidates;
@@ -250,6 +296,25 @@ fn best_fit(
     None
 }
 
+/// States and hypotheses from which a steep hypothesis is fitted: the state, and that with the calibration as given, since small turns that a
+/// dead zone withholds look like another misalignment; each with the likeliest of several values up to the neighbouring ones of the search.
+fn steep_starts(case: &DiagnosisCase, state: &ModelState, hypothesis: &Hypothesis) -> Vec<(ModelState, Hypothesis)> {
+    let as_given = ModelState { held: state.held.clone(), ..case.start(state.noise) };
+    let with_value = |start: ModelState| {
+        let at = |step: i32| {
+            let value = hypothesis.value * SIZE_FACTOR.powf(f64::from(step) / f64::from(VALUES));
+            let tried = Hypothesis { value, ..hypothesis.clone() };
+            let mut state = start.clone();
+            state.held.push(FittedHypothesis::fixed(tried.clone()));
+            (case.normal(&mut state).chi2(), tried)
+        };
+        let all: Vec<(f64, Hypothesis)> = (-VALUES..=VALUES).into_par_iter().map(at).collect();
+        let likeliest = all.into_iter().min_by(|one, other| one.0.total_cmp(&other.0));
+        (start, likeliest.map_or_else(|| hypothesis.clone(), |(_, own)| own))
+    };
+    [state.clone(), as_given].map(with_value).into()
+}
+
 /// Replaces each of several hypotheses by a likelier hypothesis beside the others: an earlier one may have explained a part of a later one.
 fn exchange(searches: &Searches, mut now: SelectedModel) -> SelectedModel {
     // Each exchange lowers the score, so that none is repeated.
@@ -267,7 +332,7 @@ fn exchanged(searches: &Searches, now: &SelectedModel, index: usize) -> Option<S
     }
     let (state, normal, _) = now.without(case, index);
     let candidates = searches.candidates(&state, &normal);
-    let (_, place, state, normal) = best_fit(case, thresholds, &state, &normal, &candidates, predicts)?;
+    let (_, place, state, normal) = best_fit(case, thresholds, &state, &normal, &candidates, passes_cross_validation)?;
     let mut other = now.clone();
     other.remove(index);
     other.steps.push(SelectionStep { candidates, kept: Some(state.held.len() - 1), added: Some(place) });

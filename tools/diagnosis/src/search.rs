@@ -31,6 +31,10 @@ pub struct Candidate {
     pub held_out: [Option<f64>; THIRDS],
     /// Signature.
     pub spot: Spot,
+    /// True if its signature is that of any value.
+    pub is_linear: bool,
+    /// True if neighbouring values add much more or less in proportion.
+    pub is_steep: bool,
 }
 
 /// True if a cross-validation ([`NormalEquations::cross_validate`]) is positive in all. A third that contains nearly all information is not
@@ -139,6 +143,8 @@ pub fn search(
         family: spot.family(bank),
         gain: spot.gain,
         held_out: spot.signature(bank, normal).cross_validate(normal),
+        is_linear: bank.bases[spot.base].is_linear,
+        is_steep: bank.bases[spot.base].is_steep(),
         spot,
     };
     best.into_iter().map(candidate).collect()

@@ -25,7 +25,8 @@ use geu_hypothesis::Hypothesis;
 use geu_hypothesis::amplitude::{AmplitudeRef, AmplitudeSource, STEP, is_real};
 use geu_hypothesis::gyros::ALL_GYROS;
 
-use grid::{SIZE_FACTOR, own_shapes, visible};
+pub use grid::SIZE_FACTOR;
+use grid::{NEAR_SIZES, own_shapes, visible};
 
 /// Amplitude of a signature's run, as a share of the largest accepted value.
 pub(crate) const SHARE: f64 = 1e-3;
@@ -37,8 +38,6 @@ const FORMULAS_OF_A_RUN: usize = 64;
 const SAME_SIGNATURE: f64 = 0.95;
 /// Minimum cosine from which a fit uses the computed signature: the change of χ² by the rest is 1 in 10 000.
 pub const EXACT_SIGNATURE: f64 = 0.9999;
-/// Values, over the one that was run, for which a nonlinear signature is valid. The neighbouring runs lie within.
-const NEAR_SIZES: Range<f64> = 0.4..2.5;
 /// Blocks after a jump of the angle that are evaluated with an exact reference: the filter forgets it. With a noisy one it remembers.
 const JUMP_BLOCKS: usize = 120;
 /// Blocks between the onsets of an immediate effect.
@@ -58,6 +57,10 @@ pub struct ConstantSignature {
     pub is_linear: bool,
     /// True if computed signatures are exact.
     pub is_exact: bool,
+    /// True if its time courses are searched.
+    pub has_courses: bool,
+    /// Fitted values, over the one that was run, for which a nonlinear signature is valid.
+    pub valid: Range<f64>,
     /// Averages over blocks.
     pub series: [Arc<[f64]>; CHANNELS],
     /// Application of time courses.
@@ -69,7 +72,12 @@ pub struct ConstantSignature {
 impl ConstantSignature {
     /// True if its signature is that of another value.
     pub fn is_valid_at(&self, size: f64) -> bool {
-        self.is_linear || NEAR_SIZES.contains(&(size / self.size))
+        self.is_linear || self.valid.contains(&(size / self.size))
+    }
+
+    /// True if neighbouring values add much more or less in proportion: then a fit does not converge from there.
+    pub fn is_steep(&self) -> bool {
+        !self.is_linear && self.valid != NEAR_SIZES
     }
 
     /// Family of a time course.
@@ -182,6 +190,8 @@ impl SignatureBank {
             configured: [0.0; TIMING],
             is_linear: true,
             is_exact: false,
+            has_courses: false,
+            valid: NEAR_SIZES,
             series: std::array::from_fn(|channel| {
                 arcsec.get(channel).map_or_else(|| none.clone(), |arcsec| of_gyro(channel, arcsec))
             }),
@@ -223,6 +233,8 @@ impl SignatureBank {
             configured: amplitude.configured_value(configuration),
             is_linear,
             is_exact: false,
+            has_courses: is_linear,
+            valid: NEAR_SIZES,
             series: run(&hypothesis(size)).map(Arc::from),
             mode,
             products: ProductCache::default(),
@@ -260,9 +272,6 @@ impl SignatureBank {
 
     /// All time courses of a signature that are searched, waves at phase 0.
     pub fn variations(&self, base: &ConstantSignature) -> Vec<Variation> {
-        if base.amplitude.formula().is_some() {
-            return vec![Variation::Constant];
-        }
         let has_onset = base.amplitude.own_shapes().iter().any(is_onset);
         let mut all = match has_onset {
             true => (1..self.courses.blocks() / SUDDEN_BLOCKS)
@@ -270,13 +279,11 @@ impl SignatureBank {
                 .collect(),
             false => vec![Variation::Constant],
         };
-        // A nonlinear amplitude has time courses at a third of its values.
-        let is_tried = base.is_linear || (base.size.abs().ln() / SIZE_FACTOR.ln()).round() as i64 % 3 == 0;
         // Courses at the default width alone.
         let is_default = |(number, value): (&ParameterSpec, &f64)| {
             number.role != Role::Width || number.default == DefaultValue::Value(*value)
         };
-        let is_tried = is_tried && base.amplitude.own_shapes().iter().zip(&base.own_shapes).all(is_default);
+        let is_tried = base.has_courses && base.amplitude.own_shapes().iter().zip(&base.own_shapes).all(is_default);
         for kind in (0..COURSES.len()).filter(|&kind| is_tried && base.amplitude.with(kind).is_some()) {
             all.extend(self.courses.variations(kind, base.mode));
         }

@@ -22,6 +22,14 @@ use super::selected::{MAX_PER_GYRO, RejectedHypothesis, SelectedModel};
 /// one leaves as much.
 const NEGLIGIBLE: f64 = 0.01;
 
+/// A χ² reduction that is negligible against that of all hypotheses and the lag, with calibration parameters fitted in any case.
+pub(super) fn negligible(case: &DiagnosisCase, state: &ModelState, normal: &NormalEquations) -> f64 {
+    let calibration = &case.nuisances[..case.nuisances.len() - 1];
+    let start = case.residual(&case.start(state.noise));
+    let without = NormalEquations::new(case.whitenings(&state.noise), &start, calibration, &[]);
+    NEGLIGIBLE * (without.chi2() - normal.chi2())
+}
+
 impl SelectedModel {
     /// True if a formula might be better: beside the hypotheses, in place of one of them, or if there are several on a gyro or noise.
     pub fn is_doubtful(&self, case: &DiagnosisCase, formulas: &SignatureBank, thresholds: &Thresholds) -> bool {
@@ -45,12 +53,13 @@ impl SelectedModel {
         self.noise.iter().any(|found| found.is_significant(nominal, &self.state))
     }
 
-    /// A χ² reduction that is negligible against that of all hypotheses and the lag, with calibration parameters fitted in any case.
     pub(super) fn negligible(&self, case: &DiagnosisCase) -> f64 {
-        let calibration = &case.nuisances[..case.nuisances.len() - 1];
-        let start = case.residual(&case.start(self.state.noise));
-        let normal = NormalEquations::new(case.whitenings(&self.state.noise), &start, calibration, &[]);
-        NEGLIGIBLE * (normal.chi2() - self.normal.chi2())
+        negligible(case, &self.state, &self.normal)
+    }
+
+    /// True if an effect on this channel withholds motions.
+    pub(super) fn withholds(&self, channel: usize) -> bool {
+        channel < TIMING && self.on(channel).any(|(_, held)| held.hypothesis.amplitude.filters_motion())
     }
 
     /// Cross-validates each hypothesis beside the others.
@@ -95,6 +104,16 @@ impl SelectedModel {
             };
             count > MAX_PER_GYRO || is_noisy && count > 1 || alone().count() > 1 && alone().any(is_doubtful)
         })
+    }
+
+    /// Gyros with another effect beside one that withholds motions and is not linear, such as a dead zone: what that one withholds may be
+    /// described by another calibration and further effects as well.
+    pub fn beside_nonlinear_filter(&self, bank: &SignatureBank) -> Gyros {
+        let is_nonlinear = |held: &FittedHypothesis| {
+            let amplitude = held.hypothesis.amplitude.constant();
+            amplitude.filters_motion() && bank.bases.iter().any(|base| base.amplitude == amplitude && !base.is_linear)
+        };
+        std::array::from_fn(|gyro| self.on(gyro).count() > 1 && self.on(gyro).any(|(_, held)| is_nonlinear(held)))
     }
 
     /// Rejects a candidate: its score with the white noise fitted without it. Where angles are dequantised, the signatures of small motions

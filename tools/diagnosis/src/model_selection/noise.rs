@@ -61,11 +61,14 @@ impl SelectedModel {
     ) -> Vec<IdentifiedNoise> {
         let is_accepted = |own: &(usize, Walk)| self.noise.iter().any(|found| (found.channel, found.walk) == *own);
         let open: Vec<(usize, Walk)> = walks.iter().copied().filter(|own| !is_accepted(own)).collect();
+        // Errors of an effect that withholds motions walk.
+        let negligible: [f64; CHANNELS] =
+            std::array::from_fn(|channel| if self.withholds(channel) { self.negligible(case) } else { 0.0 });
         let (residual, nuisances) = case.linearised(&mut self.state);
         let fit = |&(channel, walk): &(usize, Walk)| {
             let before = &self.state.noise[channel];
             let fitted = noise::fit(case, channel, before, walk, &residual, &nuisances);
-            let is_larger = fitted.noise.walk(walk) > before.walk(walk);
+            let is_larger = fitted.noise.walk(walk) > before.walk(walk) && fitted.fall > negligible[channel];
             ((channel, walk), is_larger.then_some(IdentifiedNoise { channel, walk, fitted }))
         };
         let unknown = open.par_iter().filter(|own| !known.contains_key(own) && case.measured.is_usable(own.0));
