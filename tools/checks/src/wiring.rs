@@ -31,6 +31,8 @@ const SUMMED: [usize; 2] = [1, 120];
 const MIN_SUMS: f64 = 8.0;
 /// Minimum motion of the angle about its trend for lost counts: within pivots or a play, with limits of 100 arcsec, counts may rest.
 const MIN_EXCURSION_COUNTS: f64 = 150.0;
+/// Minimum residual without lost counts, over that before and after: a noisy reference departs from equal counts too.
+const BESIDE: f64 = 3.0;
 /// Variance of a sum by rounding: twice 1/12.
 const ROUNDING_VARIANCE: f64 = 1.0 / 6.0;
 /// Increase of the sum of squares over the residual variance in the interval of an onset: 5 sigma.
@@ -210,6 +212,14 @@ impl Search<'_> {
             return None;
         }
         let fits = [0, 1, 2, 3].map(|gyro| self.fit(gyro, samples.clone(), &with, 1));
+        let is_beside = |gyro: usize| {
+            fits[gyro].as_ref().is_some_and(|fit| {
+                fit.xx / fit.count.max(1.0) < BESIDE * BESIDE * self.mean_square_beside(gyro, &samples)
+            })
+        };
+        if !hypothesis.undoes_itself() && (0..4).any(is_beside) {
+            return None;
+        }
         let gyros = Gyro::ALL.into_iter().filter(|&gyro| fits[gyro as usize].is_some()).collect();
         let variance = fits.iter().flatten().map(variance).fold(0.0, f64::max);
         let onset = equivalent_edges(gains, samples.start, ONSET_CHI2 * variance);
@@ -262,6 +272,16 @@ impl Search<'_> {
             (min, max) = (min.min(angle), max.max(angle));
         }
         max - min
+    }
+
+    /// Mean square of the residual of a gyro in as many samples before and after an interval, a minute or more; 0 if there are none.
+    fn mean_square_beside(&self, gyro: usize, samples: &Range<usize>) -> f64 {
+        let count = samples.len().max(SUMMED[1]);
+        let before = samples.start.saturating_sub(count)..samples.start;
+        let after = samples.end..self.known.len().min(samples.end + count);
+        let square = |index: usize| (self.compared.samples[index].measured[gyro] - self.known[index][gyro]).powi(2);
+        let squares: Vec<f64> = before.chain(after).map(square).collect();
+        squares.iter().sum::<f64>() / (squares.len() as f64).max(1.0)
     }
 
     /// Moments of a gyro in an interval, of sums over `summed` samples: x is the measured and y the predicted difference to the known
