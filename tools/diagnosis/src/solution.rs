@@ -23,7 +23,7 @@ use geu_hypothesis::amplitude::AmplitudeRef;
 const FORMULA_MARGIN: f64 = 10.0;
 /// Version of the search beside the model's lists. It changes with grids, families and null recordings, so that stored thresholds never
 /// apply to another search.
-const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 24");
+const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 25");
 
 /// Options of a diagnosis.
 pub struct DiagnosisOptions<'a> {
