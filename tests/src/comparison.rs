@@ -19,7 +19,7 @@ pub const SIGNIFICANT: f64 = 25.0;
 /// measured is 0.983…1.011; rounding is not quite white while a gyro rests.
 pub const NOISE_LIKE: std::ops::Range<f64> = 0.97..1.03;
 
-/// What a capture contains.
+/// The samples and defects of a capture.
 #[derive(Default)]
 pub struct Received {
     /// Each sample.

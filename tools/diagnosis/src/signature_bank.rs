@@ -59,7 +59,7 @@ pub struct ConstantSignature {
     pub is_exact: bool,
     /// True if its time courses are searched.
     pub has_courses: bool,
-    /// Fitted values, over the one that was run, for which a nonlinear signature is valid.
+    /// Fitted values, over the value of the run, for which a nonlinear signature is valid.
     pub valid: Range<f64>,
     /// Averages over blocks.
     pub series: [Arc<[f64]>; CHANNELS],

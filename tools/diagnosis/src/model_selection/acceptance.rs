@@ -106,7 +106,7 @@ impl SelectedModel {
         })
     }
 
-    /// Gyros with another effect beside one that withholds motions and is not linear, such as a dead zone: what that one withholds may be
+    /// Gyros with another effect beside a nonlinear effect that withholds motions, such as a dead zone: the withheld motion may be
     /// described by another calibration and further effects as well.
     pub fn beside_nonlinear_filter(&self, bank: &SignatureBank) -> Gyros {
         let is_nonlinear = |held: &FittedHypothesis| {
