@@ -74,9 +74,7 @@ impl NormalEquations {
         let blocks = residual[0].len();
         let bounds = std::array::from_fn(|third| blocks * third / THIRDS);
         let residual: Series = std::array::from_fn(|channel| whitenings[channel].apply(&residual[channel]));
-        let white = |column: &Nuisance| -> Nuisance {
-            std::array::from_fn(|channel| column[channel].as_ref().map(|values| whitenings[channel].apply(values)))
-        };
+        let white = |column: &Nuisance| whitened(&whitenings, 0, column.each_ref().map(Option::as_deref));
         let columns: Vec<Nuisance> = nuisances.iter().map(white).collect();
         let count = columns.len();
         let (gram, right) = parts(&columns, &residual, &bounds);
@@ -222,6 +220,13 @@ impl NormalEquations {
         Column { from: column.from, values }
     }
 
+    /// Whitens the channels of a signature, which have the same blocks.
+    pub fn white_channels(&self, columns: &[Option<Column>; CHANNELS]) -> [Option<Column>; CHANNELS] {
+        let from = columns.iter().flatten().next().map_or(0, |column| column.from);
+        let series = columns.each_ref().map(|column| Some(&column.as_ref()?.values[..]));
+        whitened(&self.whitenings, from, series).map(|values| Some(Column { from, values: values? }))
+    }
+
     /// Products of a whitened signature on one channel.
     pub fn products(&self, channel: usize, white: &Column) -> Products {
         self.products_in(channel, white, 0..self.residual[channel].len())
@@ -244,11 +249,6 @@ impl NormalEquations {
             }
         }
         products
-    }
-
-    /// Products of a signature on one channel.
-    pub fn products_of(&self, channel: usize, column: &Column) -> Products {
-        self.products(channel, &self.white(channel, column))
     }
 
     /// Projects a signature on the nuisances.
@@ -318,6 +318,18 @@ impl NormalEquations {
         }
         factored(&gram, &scale, HELD_OUT_RIDGE).solve(&scale.component_mul(&right)).component_mul(&scale)
     }
+}
+
+/// Whitens the channels that a signature reaches, two at once.
+fn whitened(filters: &[Whitening; CHANNELS], from: usize, series: [Option<&[f64]>; CHANNELS]) -> Nuisance {
+    let reached: Vec<_> = (0..CHANNELS).filter_map(|channel| Some((channel, series[channel]?))).collect();
+    let mut white = Nuisance::default();
+    for some in reached.chunks(2) {
+        let both = [some[0], some[some.len() - 1]];
+        let values = Whitening::apply_both(both.map(|own| &filters[own.0]), from, both.map(|own| own.1));
+        both.into_iter().zip(values).for_each(|((channel, _), values)| white[channel] = Some(values));
+    }
+    white
 }
 
 /// Products of whitened nuisances with each other and with the residual between bounds.

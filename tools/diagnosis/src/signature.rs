@@ -29,8 +29,7 @@ impl Signature {
 
     /// Whitens a signature of the bank.
     pub fn from_columns(normal: &NormalEquations, columns: [Option<Column>; CHANNELS]) -> Signature {
-        let white: [Option<Column>; CHANNELS] =
-            std::array::from_fn(|channel| columns[channel].as_ref().map(|column| normal.white(channel, column)));
+        let white = normal.white_channels(&columns);
         let parts = white.iter().enumerate().filter_map(|(channel, own)| Some(normal.products(channel, own.as_ref()?)));
         let products = parts.fold(Products::none(normal.nuisances()), |sum, part| sum.plus(&part));
         Signature { white, products }

@@ -213,12 +213,10 @@ impl<'a, T: Linear, L: Fn(usize, &Column) -> T> Source<'a, L> {
     }
 
     fn whitened(&mut self, variation: &Variation, is_kept: bool) -> (Course, OfChannels<T>) {
-        let mut columns = self.bank.columns(self.base, variation);
+        let columns = self.bank.columns(self.base, variation);
         // A channel without usable blocks has no part.
         let is_used = |white: &Column| white.values.iter().any(|&value| value != 0.0);
-        let white: OfChannels<Column> = std::array::from_fn(|channel| {
-            columns[channel].take().map(|column| self.normal.white(channel, &column)).filter(is_used)
-        });
+        let white = self.normal.white_channels(&columns).map(|column| column.filter(is_used));
         let parts = std::array::from_fn(|channel| {
             let products = white[channel].as_ref().map(|white| self.normal.products(channel, white));
             if is_kept {

@@ -126,19 +126,30 @@ impl Whitening {
 
     /// Whitens a series that is 0 before the block `from`; `series` contains the blocks from there on.
     pub fn apply_from(&self, from: usize, series: &[f64]) -> Vec<f64> {
+        let [white, _] = Whitening::apply_both([self; 2], from, [series; 2]);
+        white
+    }
+
+    /// Whitens a series by each of two filters. An innovation waits for the one before, so that two take as long as one.
+    pub fn apply_both(filters: [&Whitening; 2], from: usize, series: [&[f64]; 2]) -> [Vec<f64>; 2] {
+        let blocks = series[0].len().min(series[1].len());
+        let (steps, series) = (filters.map(|own| &own.steps[from..from + blocks]), series.map(|own| &own[..blocks]));
         // What the innovation before leaves in this one, the turn by the rate, and the rounding error.
-        let (mut left, mut turn, mut error) = (0.0, 0.0, 0.0);
-        let (mut before, mut predicted) = (0.0, 0.0);
-        let innovations = self.steps[from..].iter().zip(series).map(|(step, measured)| {
-            let innovation = (measured - before - predicted) + left;
-            before = *measured;
-            left = step.remainder * innovation;
-            predicted = turn + (step.persistence - 1.0) * error;
-            turn += step.gains[0] * innovation;
-            error = step.persistence * error + step.gains[1] * innovation;
-            innovation * step.weight
-        });
-        innovations.collect()
+        let [mut left, mut turn, mut error, mut before, mut predicted] = [[0.0; 2]; 5];
+        let mut white = series.map(|_| vec![0.0; blocks]);
+        for block in 0..blocks {
+            for (own, white) in white.iter_mut().enumerate() {
+                let (step, measured) = (&steps[own][block], series[own][block]);
+                let innovation = (measured - before[own] - predicted[own]) + left[own];
+                before[own] = measured;
+                left[own] = step.remainder * innovation;
+                predicted[own] = turn[own] + (step.persistence - 1.0) * error[own];
+                turn[own] += step.gains[0] * innovation;
+                error[own] = step.persistence * error[own] + step.gains[1] * innovation;
+                white[block] = innovation * step.weight;
+            }
+        }
+        white
     }
 
     /// Derivatives of the product of `white` with a whitened series by the increments of that series.
