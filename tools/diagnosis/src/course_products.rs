@@ -30,7 +30,8 @@ impl CourseProducts {
     pub fn push(&mut self, channel: usize, normal: &NormalEquations, products: Option<&Products>) {
         let own = &mut self.courses[channel];
         own.push(products.map_or(0.0, |products| products.own));
-        let columns = normal.columns(channel).take_while(|(place, _)| *place < normal.of_recording());
+        let of_recording = normal.of_recording();
+        let columns = normal.columns(channel).take_while(|(place, _)| *place < of_recording);
         own.extend(columns.map(|(place, _)| products.map_or(0.0, |products| products.nuisances[place])));
     }
 
