@@ -6,7 +6,7 @@ use geu_protocol::Gyro;
 
 use super::{GyroUnit, Truth};
 use crate::configuration::Configuration;
-use crate::effect::discovered::Formula;
+use crate::effect::discovered::{Formula, Regressor};
 use crate::effect::{EffectInputs, Temperatures};
 use crate::package::{Axes, ComputedParts, SubStep};
 use crate::temperature::{ElectronicsCourse, SENSOR_NOMINAL_C, interpolate};
@@ -75,8 +75,9 @@ impl GyroUnit {
             // A formula has the control axes.
             let axes = Axes::of(Gyro::ALL[0]);
             let inputs = EffectInputs { step, axes, temperatures: &temperatures, end_s: *end_s };
+            let values = Regressor::ALL.map(|regressor| regressor.value(&inputs));
             for (sum, formula) in sums.iter_mut().zip(formulas) {
-                *sum += formula.value(&inputs) * step.length_s;
+                *sum += formula.value(|regressor| values[regressor.index()]) * step.length_s;
             }
         }
         self.ended += 1;

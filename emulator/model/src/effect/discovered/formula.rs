@@ -5,7 +5,6 @@ use std::str::FromStr;
 
 use super::FORMULA_MEANING;
 use super::regressor::{MAGNITUDES, Regressor};
-use crate::effect::EffectInputs;
 
 /// Different factors that a formula can have.
 pub const MAX_FACTORS: usize = 3;
@@ -97,12 +96,12 @@ impl Formula {
         if factors[0].is_none() { Err(NotAFormula::as_a_whole()) } else { Ok(Formula { factors }) }
     }
 
-    /// Value over a sub-step with a length.
+    /// Value for these values of the regressors.
     #[inline]
-    pub fn value(&self, surroundings: &EffectInputs) -> f64 {
+    pub fn value(&self, value: impl Fn(Regressor) -> f64) -> f64 {
         let mut product = 1.0;
         for Factor { regressor, power } in self.factors.iter().flatten() {
-            let value = regressor.value(surroundings);
+            let value = value(*regressor);
             // Products, not `powi`: they are the same on every host.
             (0..*power).for_each(|_| product *= value);
         }

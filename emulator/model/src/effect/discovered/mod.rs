@@ -49,7 +49,8 @@ pub fn apply(terms: &[Term], head: &mut GyroSubStep, surroundings: &EffectInputs
         return;
     }
     for term in terms {
-        head.added_arcsec += term.coefficient * term.formula.value(surroundings) * length_s;
+        let value = term.formula.value(|regressor| regressor.value(surroundings));
+        head.added_arcsec += term.coefficient * value * length_s;
     }
 }
 

@@ -104,7 +104,7 @@ impl Regressor {
     }
 
     /// Index in [`Regressor::ALL`].
-    pub(super) fn index(self) -> usize {
+    pub fn index(self) -> usize {
         self.0
     }
 }
