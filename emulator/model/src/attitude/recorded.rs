@@ -87,6 +87,8 @@ pub struct RecordedAttitude {
     bend: [Vec<f64>; 3],
     /// θ and ψ at each; empty where they are not known.
     theta_psi_rad: Vec<(f64, f64)>,
+    /// Turn of ψ from each to the next.
+    turn_psi_rad: Vec<f64>,
     /// Rotation about X and Y, since the row after the start, beyond that of θ and ψ; empty if they are unknown.
     departure_control_arcsec: Vec<[f64; 2]>,
 }
@@ -146,8 +148,9 @@ impl RecordedAttitude {
         let bend = std::array::from_fn(|axis| second_derivatives(&t_s, &angle_control_arcsec[axis]));
         let theta_psi_rad: Vec<(f64, f64)> =
             rows.iter().map(|row| row.theta_psi_rad).collect::<Option<_>>().unwrap_or_default();
+        let turn_psi_rad = theta_psi_rad.windows(2).map(|pair| shorter_way(pair[1].1 - pair[0].1)).collect();
         let departure_control_arcsec = departure(&t_s, &angle_control_arcsec, &theta_psi_rad);
-        Ok(RecordedAttitude { t_s, angle_control_arcsec, bend, theta_psi_rad, departure_control_arcsec })
+        Ok(RecordedAttitude { t_s, angle_control_arcsec, bend, theta_psi_rad, turn_psi_rad, departure_control_arcsec })
     }
 
     /// The first row's time.
@@ -233,7 +236,7 @@ impl RecordedAttitude {
         }
         // Where θ is not known the package is taken at rest at 90°, where nothing turns it.
         (moment.theta_rad, moment.psi_rad) = match self.theta_psi_rad.get(i..i + 2) {
-            Some(&[from, to]) => (a * from.0 + b * to.0, from.1 + b * shorter_way(to.1 - from.1)),
+            Some(&[from, to]) => (a * from.0 + b * to.0, from.1 + b * self.turn_psi_rad[i]),
             _ => (std::f64::consts::FRAC_PI_2, 0.0),
         };
         (angle, moment)
