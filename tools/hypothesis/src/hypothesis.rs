@@ -173,7 +173,11 @@ impl Hypothesis {
 
     /// True if a configuration accepts the parameters.
     pub fn is_within_limits(&self) -> bool {
-        self.parameters().iter().all(|parameter| (parameter.min..=parameter.max).contains(&parameter.value))
+        let Size { min, max, .. } = self.amplitude.size();
+        let own = self.amplitude.own_shapes().iter().zip(&self.own_shapes);
+        let mut shapes = own.chain(self.amplitude.course_shapes().iter().zip(&self.course_shapes));
+        let are_within = shapes.all(|(number, value)| (number.min..=number.max).contains(value));
+        are_within && (min..=max).contains(&self.value)
     }
 
     /// Assignments for [`Configuration::edited`] that write it to the text of `configuration`, which contains it.
