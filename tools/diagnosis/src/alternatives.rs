@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use crate::diagnosis_case::DiagnosisCase;
 use crate::fitted_hypothesis::FittedHypothesis;
-use crate::measured::{Series, TIMING};
+use crate::measured::{CHANNELS, Series, TIMING};
 use crate::model_state::ModelState;
 use crate::normal_equations::NormalEquations;
 use crate::signature::Signature;
@@ -204,11 +204,14 @@ fn in_place_of(
     let held = &state.held[index].hypothesis;
     let mut others = state.clone();
     others.held.remove(index);
+    // Shape parameters of others are linear near their values only.
+    let has_shapes = others.held.iter().any(|other| other.is_free.iter().skip(1).any(|is_free| *is_free));
     let is_possible = |spot: &Spot| spot.is_valid(bank) && spot.is_physical(bank, &others);
     let of_base = |index: usize| {
         let sets = sets(&bank.bases[index], &held.gyros);
         let is_another = |spot: &Spot| spot.amplitude(bank) != held.amplitude || spot.gyros != held.gyros;
-        spots(bank, normal, index, |_| sets.clone(), |spot| is_another(spot) && is_possible(spot))
+        let is_possible = |spot: &Spot| is_another(spot) && is_possible(spot);
+        spots(bank, normal, index, [true; CHANNELS], |_| sets.clone(), is_possible)
     };
     let mut spots: Vec<Spot> = (0..bank.bases.len()).into_par_iter().flat_map_iter(of_base).collect();
     spots.retain(|spot| spot.gain.chi2 >= MIN_SHARE * fall);
@@ -230,7 +233,7 @@ fn in_place_of(
         let (hypothesis, family) = (best.hypothesis(bank), best.family(bank));
         let delta_chi2 = delta(fall - best.gain.chi2, penalties.found - (penalties.of)(family, &hypothesis));
         let reach_chi2 = match bank.bases[best.base].is_linear {
-            true if hypothesis.parameters().len() > 1 => NEAR_CHI2,
+            true if has_shapes || hypothesis.parameters().len() > 1 => NEAR_CHI2,
             true => 0.0,
             false => f64::INFINITY,
         };

@@ -86,12 +86,17 @@ struct KeptChannel {
 }
 
 impl KeptProducts {
-    /// Products of a signature.
-    pub fn new(products: Arc<CourseProducts>, base: &ConstantSignature, normal: &NormalEquations) -> KeptProducts {
+    /// Products of a signature on these channels.
+    pub fn new(
+        products: Arc<CourseProducts>,
+        base: &ConstantSignature,
+        normal: &NormalEquations,
+        has: [bool; CHANNELS],
+    ) -> KeptProducts {
         let transposed = normal.transposed();
         let channel = |channel: usize| {
             let series = &base.series[channel];
-            if series.iter().all(|&value| value == 0.0) {
+            if !has[channel] || series.iter().all(|&value| value == 0.0) {
                 return None;
             }
             let factors = |derivatives: &Vec<f64>| factors(series, base.mode, derivatives);

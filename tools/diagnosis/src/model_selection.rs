@@ -3,58 +3,36 @@
 //! The same data may show several effects or noise above its configured level: both orders are fitted, and the likelier one is
 //! accepted.
 //!
-//! `selected` holds the state; `refine`, `noise` and `acceptance` act on it and use each other in this order only.
+//! `selected` holds the state; `refine`, `noise` and `acceptance` act on it and use each other in this order only. `candidate_fit` fits
+//! candidates beside it; `pairs` adds two hypotheses at once.
 
 mod acceptance;
+mod candidate_fit;
 mod noise;
+mod pairs;
 mod refine;
 mod selected;
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-use rayon::prelude::*;
-
 use crate::diagnosis_case::DiagnosisCase;
-use crate::fitted_hypothesis::FittedHypothesis;
 use crate::measured::TIMING;
 use crate::model_state::ModelState;
-use crate::normal_equations::{NormalEquations, THIRDS};
+use crate::normal_equations::NormalEquations;
 use crate::null_distribution::Thresholds;
 use crate::recent::Recent;
-use crate::search::{Candidate, passes_cross_validation, search, separate_sets, shape_penalty};
-use crate::signature::Signature;
-use crate::signature_bank::{SIZE_FACTOR, SignatureBank};
+use crate::search::{Candidate, passes_cross_validation, search, separate_sets};
+use crate::signature_bank::SignatureBank;
 use crate::significance::{THREE_SIGMA_CHI2, TWO_SIGMA_CHI2};
-use crate::spots::Spot;
-use geu_hypothesis::Hypothesis;
 
 use acceptance::negligible;
-use refine::{fit_last, is_possible};
+use candidate_fit::{HeldOut, best_fit};
+use pairs::likeliest_pair;
 
 pub use selected::{IdentifiedNoise, MAX_PER_GYRO, SelectedModel, SelectionStep};
 
 /// Maximum number of effects.
 const MAX_EFFECTS: usize = 6;
-/// Candidates fitted in each step.
-const FITTED: usize = 4;
-/// Candidates with a smaller share of the best one's margin are not fitted.
-const NEAR: f64 = 0.93;
-/// Nor those whose χ² reduction is lower by this, if that is the lower limit.
-const NEAR_CHI2: f64 = 12.0;
-/// If none of the better ones is acceptable, candidates with this share of the best one's margin are fitted: on a gyro with two
-/// effects, neither may pass the cross-validation alone.
-const LESSER: f64 = 0.5;
-/// A time course is not fitted if a likelier one of the same amplitude explains as much up to this share.
-const NEEDLESS: f64 = 0.02;
-/// Values of a steep amplitude between neighbouring ones of the search.
-const VALUES: i32 = 5;
-/// Scores that differ by less are equal.
-const EQUAL_CHI2: f64 = 0.5;
-
-/// Cross-validation of a hypothesis.
-type HeldOut = [Option<f64>; THIRDS];
-/// A fitted candidate: χ² reduction beyond its penalty, place among the candidates, state and equations with it.
-type Fit = (f64, usize, ModelState, NormalEquations);
 
 /// Searches of a selection.
 pub struct Searches<'a> {
@@ -66,12 +44,14 @@ pub struct Searches<'a> {
     pub thresholds: &'a Thresholds,
     /// Searches with this bank that recur.
     pub known: Recent<Vec<Candidate>>,
+    /// Maximum number of times that two hypotheses are added at once.
+    pub pairs: usize,
 }
 
 impl<'a> Searches<'a> {
     /// With this bank.
     pub fn new(case: &'a DiagnosisCase, bank: &'a SignatureBank, thresholds: &'a Thresholds) -> Searches<'a> {
-        Searches { case, bank, thresholds, known: Recent::default() }
+        Searches { case, bank, thresholds, known: Recent::default(), pairs: 0 }
     }
 
     /// Candidates beside a state, best first.
@@ -145,10 +125,20 @@ pub fn select_model(searches: &Searches, start: &ModelState, per_gyro: usize) ->
         noise.free_noise(case, thresholds);
         (!noise.noise.is_empty()).then(|| from(&noise))
     };
-    match rayon::join(effects_first, noise_first) {
-        (effects, Some(noise)) => likelier(effects, noise).0,
-        (effects, None) => effects.0,
+    let mut best = match rayon::join(effects_first, noise_first) {
+        (effects, Some(noise)) => likelier(effects, noise),
+        (effects, None) => effects,
+    };
+    // The first pair in place of a walk may be another one than the next pair leads to.
+    let mut last = best.clone();
+    for _ in 0..searches.pairs {
+        let Some(pair) = likeliest_pair(searches, &last.0) else { break };
+        last = grown(&pair, Order::BestFirst).0;
+        if last.1 < best.1 - TWO_SIGMA_CHI2 {
+            best = last.clone();
+        }
     }
+    best.0
 }
 
 /// The selection with the lower score. A limit that ended the search of the other one may have made it worse.
@@ -235,86 +225,6 @@ fn grow(searches: &Searches, mut now: SelectedModel, per_gyro: usize, order: Ord
     (now, is_other)
 }
 
-/// Fits the best candidates beside a state; the likeliest acceptable one. If none is acceptable, the next ones are fitted.
-fn best_fit(
-    case: &DiagnosisCase,
-    thresholds: &Thresholds,
-    state: &ModelState,
-    normal: &NormalEquations,
-    candidates: &[Candidate],
-    is_predicted: fn(&HeldOut) -> bool,
-) -> Option<Fit> {
-    let penalty = |candidate: &Candidate| thresholds.penalty(candidate.family, &candidate.hypothesis);
-    let margin = |candidate: &Candidate| candidate.gain.chi2 - penalty(candidate);
-    let fit_from = |start: &ModelState, candidate: &Candidate, hypothesis: Hypothesis| {
-        let mut tried = start.clone();
-        let held = FittedHypothesis::new(hypothesis);
-        tried.held.push(held.with_penalty(penalty(candidate), candidate.held_out));
-        let tried_normal = fit_last(case, &mut tried);
-        (tried, tried_normal)
-    };
-    let fitted = |candidate: &Candidate| -> Option<Fit> {
-        let own = &candidate.hypothesis;
-        let (mut tried, tried_normal) = match candidate.is_steep {
-            true => steep_starts(case, state, own)
-                .into_iter()
-                .map(|(start, own)| fit_from(&start, candidate, own))
-                .min_by(|one, other| one.1.squares().total_cmp(&other.1.squares()))?,
-            false => fit_from(state, candidate, own.clone()),
-        };
-        let last = tried.held.len() - 1;
-        if !candidate.is_linear {
-            // The signature of the search is that of another value.
-            let signature = case.signature(&tried, last);
-            tried.held[last].held_out = Signature::new(normal, &signature).cross_validate(normal);
-        }
-        let held = &tried.held[last];
-        let fall = normal.squares() - tried_normal.squares() - penalty(candidate);
-        // The first of the candidates with this spot.
-        let key = |spot: &Spot| (spot.base, spot.variation.clone(), spot.gyros);
-        let place = candidates.iter().position(|other| key(&other.spot) == key(&candidate.spot))?;
-        let is_accepted = fall > 0.0 && is_predicted(&held.held_out) && is_possible(held);
-        is_accepted.then_some((fall, place, tried, tried_normal))
-    };
-    let min = LESSER * margin(candidates.first()?);
-    let mut rest = candidates;
-    while let Some(first) = rest.first().filter(|first| margin(first) >= min) {
-        let best = margin(first);
-        let min_margin = (NEAR * best).min(best - NEAR_CHI2);
-        let is_equal = |candidate: &&Candidate| margin(candidate) > best - EQUAL_CHI2;
-        let mut equal: Vec<&Candidate> = rest.iter().filter(is_equal).collect();
-        equal.sort_by(|one, other| share_of_limit(&one.hypothesis).total_cmp(&share_of_limit(&other.hypothesis)));
-        let others = rest.iter().filter(|candidate| !is_equal(candidate));
-        let is_near = |candidate: &&Candidate| margin(candidate) >= min_margin;
-        let near: Vec<&Candidate> = equal.into_iter().chain(others).take(FITTED).filter(is_near).collect();
-        rest = &rest[near.len().max(1)..];
-        let near = without_needless_courses(near);
-        if let Some(fit) = simplest(near.into_par_iter().filter_map(fitted).collect()) {
-            return Some(fit);
-        }
-    }
-    None
-}
-
-/// States and hypotheses from which a steep hypothesis is fitted: the state, and that with the calibration as given, since small turns that a
-/// dead zone withholds look like another misalignment; each with the likeliest of several values up to the neighbouring ones of the search.
-fn steep_starts(case: &DiagnosisCase, state: &ModelState, hypothesis: &Hypothesis) -> Vec<(ModelState, Hypothesis)> {
-    let as_given = ModelState { held: state.held.clone(), ..case.start(state.noise) };
-    let with_value = |start: ModelState| {
-        let at = |step: i32| {
-            let value = hypothesis.value * SIZE_FACTOR.powf(f64::from(step) / f64::from(VALUES));
-            let tried = Hypothesis { value, ..hypothesis.clone() };
-            let mut state = start.clone();
-            state.held.push(FittedHypothesis::fixed(tried.clone()));
-            (case.normal(&mut state).chi2(), tried)
-        };
-        let all: Vec<(f64, Hypothesis)> = (-VALUES..=VALUES).into_par_iter().map(at).collect();
-        let likeliest = all.into_iter().min_by(|one, other| one.0.total_cmp(&other.0));
-        (start, likeliest.map_or_else(|| hypothesis.clone(), |(_, own)| own))
-    };
-    [state.clone(), as_given].map(with_value).into()
-}
-
 /// Replaces each of several hypotheses by a likelier hypothesis beside the others: an earlier one may have explained a part of a later one.
 fn exchange(searches: &Searches, mut now: SelectedModel) -> SelectedModel {
     // Each exchange lowers the score, so that none is repeated.
@@ -344,37 +254,4 @@ fn exchanged(searches: &Searches, now: &SelectedModel, index: usize) -> Option<S
     other.free_shapes(case);
     other.round_count(case);
     is_likelier(&other).then_some(other)
-}
-
-fn score(fit: &Fit) -> f64 {
-    fit.0 - fit.2.held.last().map_or(0.0, |held| shape_penalty(&held.hypothesis))
-}
-
-/// Amplitude as a share of its largest value.
-fn share_of_limit(hypothesis: &Hypothesis) -> f64 {
-    hypothesis.value.abs() / hypothesis.amplitude.size().max
-}
-
-/// The fit with the highest score, each shape of its time course with the penalty of a shape
-/// parameter. Among equal fits, that with the smallest amplitude, as a share of its largest value.
-fn simplest(tried: Vec<Fit>) -> Option<Fit> {
-    let share = |fit: &Fit| fit.2.held.last().map_or(0.0, |held| share_of_limit(&held.hypothesis));
-    let best = tried.iter().map(score).fold(f64::NEG_INFINITY, f64::max);
-    let equal = tried.into_iter().filter(|fit| score(fit) > best - EQUAL_CHI2);
-    equal.min_by(|one, other| share(one).total_cmp(&share(other)))
-}
-
-/// Removes time courses that explain nearly the same as a likelier one of the same amplitude and gyros without more shapes, or as the
-/// constant amplitude.
-fn without_needless_courses(candidates: Vec<&Candidate>) -> Vec<&Candidate> {
-    let key = |candidate: &Candidate| (candidate.hypothesis.amplitude.constant(), candidate.hypothesis.gyros);
-    let shapes = |candidate: &Candidate| candidate.hypothesis.course_shapes.len();
-    let is_needless = |place: usize| {
-        let own = candidates[place];
-        let explains_it = |other: &&Candidate| {
-            key(other) == key(own) && shapes(other) <= shapes(own) && own.gain.chi2 < (1.0 + NEEDLESS) * other.gain.chi2
-        };
-        own.hypothesis.amplitude.kind.is_some() && candidates[..place].iter().any(explains_it)
-    };
-    (0..candidates.len()).filter(|&place| !is_needless(place)).map(|place| candidates[place]).collect()
 }

@@ -189,7 +189,7 @@ fn of_base(
             }
         }
     };
-    sweep(bank, normal, base, products, push);
+    sweep(bank, normal, base, [true; CHANNELS], products, push);
     largest
 }
 

@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use crate::courses::is_onset;
 use crate::measured::{CHANNELS, TIMING};
 use crate::model_state::ModelState;
 use crate::normal_equations::{NormalEquations, SignatureFit, THIRDS};
@@ -35,6 +36,21 @@ pub struct Candidate {
     pub is_linear: bool,
     /// True if neighbouring values add much more or less in proportion.
     pub is_steep: bool,
+}
+
+impl Candidate {
+    /// Cross-validates a spot.
+    pub fn new(bank: &SignatureBank, normal: &NormalEquations, spot: Spot) -> Candidate {
+        Candidate {
+            hypothesis: spot.hypothesis(bank),
+            family: spot.family(bank),
+            gain: spot.gain,
+            held_out: spot.signature(bank, normal).cross_validate(normal),
+            is_linear: bank.bases[spot.base].is_linear,
+            is_steep: bank.bases[spot.base].is_steep(),
+            spot,
+        }
+    }
 }
 
 /// True if a cross-validation ([`NormalEquations::cross_validate`]) is positive in all. A third that contains nearly all information is not
@@ -93,26 +109,27 @@ pub fn separate_sets(scored: impl Iterator<Item = (Gyros, f64)>) -> Vec<Gyros> {
     sets
 }
 
-/// The best candidate of each amplitude and set of gyros, best first, without any that a configuration cannot contain beside the
-/// hypotheses of the state. Scores have the penalties of `thresholds`, if any.
-pub fn search(
+/// The best searched time course of each amplitude and set of gyros, best first, without any that a configuration cannot contain beside
+/// the hypotheses of the state, on these gyros; only on all of them also effects of the unit and immediate effects. Scores have the penalties
+/// of `thresholds`, if any.
+pub fn best_spots(
     bank: &SignatureBank,
     normal: &NormalEquations,
     state: &ModelState,
     thresholds: Option<&Thresholds>,
-) -> Vec<Candidate> {
-    let is_held =
-        |spot: &Spot| state.held.iter().any(|held| held.hypothesis.conflicts(spot.amplitude(bank), &spot.gyros));
-    let is_possible = |spot: &Spot| {
-        let is_in_model = !is_held(spot) && spot.hypothesis(bank).is_within_limits();
-        is_in_model && spot.is_valid(bank) && spot.is_physical(bank, state)
+    gyros: &Gyros,
+) -> Vec<Spot> {
+    let has_all = *gyros == ALL_GYROS;
+    let of_base = |index: usize| {
+        let amplitude = &bank.bases[index].amplitude;
+        if !has_all && (amplitude.is_of_unit() || amplitude.own_shapes().iter().any(is_onset)) {
+            return Vec::new();
+        }
+        let has = std::array::from_fn(|channel| gyros.get(channel).copied().unwrap_or(has_all));
+        spots(bank, normal, index, has, |reached| sets(amplitude, reached), |spot| is_possible(bank, state, spot))
     };
-    let of_base =
-        |index: usize| spots(bank, normal, index, |reached| sets(&bank.bases[index].amplitude, reached), is_possible);
     let found: Vec<Vec<Spot>> = (0..bank.bases.len()).into_par_iter().map(of_base).collect();
-    let required = |family| thresholds.map_or(0.0, |thresholds| thresholds.required(family));
-    let score =
-        |spot: &Spot| spot.gain.chi2 - required(spot.family(bank)) - set_penalty(&spot.gyros, &spot.amplitude(bank));
+    let score = |spot: &Spot| score(bank, thresholds, spot);
     let mut best: Vec<Spot> = Vec::new();
     for spot in found.into_iter().flatten() {
         let is_same = |other: &Spot| other.gyros == spot.gyros && other.amplitude(bank) == spot.amplitude(bank);
@@ -123,6 +140,32 @@ pub fn search(
         }
     }
     best.sort_by(|a, b| score(b).total_cmp(&score(a)));
+    best
+}
+
+/// True if a configuration can contain a spot beside the hypotheses of the state.
+fn is_possible(bank: &SignatureBank, state: &ModelState, spot: &Spot) -> bool {
+    let amplitude = spot.amplitude(bank);
+    let is_held = state.held.iter().any(|held| held.hypothesis.conflicts(amplitude, &spot.gyros));
+    let is_in_model = !is_held && spot.hypothesis(bank).is_within_limits();
+    is_in_model && spot.is_valid(bank) && spot.is_physical(bank, state)
+}
+
+/// χ² reduction less the penalties.
+pub fn score(bank: &SignatureBank, thresholds: Option<&Thresholds>, spot: &Spot) -> f64 {
+    let required = thresholds.map_or(0.0, |thresholds| thresholds.required(spot.family(bank)));
+    spot.gain.chi2 - required - set_penalty(&spot.gyros, &spot.amplitude(bank))
+}
+
+/// The best candidate of each amplitude and set of gyros, best first: [`best_spots`] with optimised shape parameters.
+pub fn search(
+    bank: &SignatureBank,
+    normal: &NormalEquations,
+    state: &ModelState,
+    thresholds: Option<&Thresholds>,
+) -> Vec<Candidate> {
+    let score = |spot: &Spot| score(bank, thresholds, spot);
+    let best = best_spots(bank, normal, state, thresholds, &ALL_GYROS);
     let separate = separate_sets(best.iter().map(|spot| (spot.gyros, score(spot))));
     let mut seen = [0; 16];
     let is_kept = |(place, spot): (usize, Spot)| {
@@ -131,23 +174,16 @@ pub fn search(
         (place < OPTIMISED || *count <= OPTIMISED_ON_SET && separate.contains(&spot.gyros)).then_some(spot)
     };
     let best: Vec<Spot> = best.into_iter().enumerate().filter_map(is_kept).collect();
-    let optimised = |spot: Spot| {
-        let best = spot.optimised(bank, normal, |spot| spot.is_physical(bank, state)).unwrap_or(spot);
-        best.as_step(bank, normal, TWO_SIGMA_CHI2).filter(is_possible).unwrap_or(best)
-    };
-    let mut best: Vec<Spot> = best.into_par_iter().map(optimised).collect();
+    let mut best: Vec<Spot> = best.into_par_iter().map(|spot| optimised(bank, normal, state, spot)).collect();
     best.sort_by(|a, b| score(b).total_cmp(&score(a)));
     without_repetitions(bank, &mut best);
-    let candidate = |spot: Spot| Candidate {
-        hypothesis: spot.hypothesis(bank),
-        family: spot.family(bank),
-        gain: spot.gain,
-        held_out: spot.signature(bank, normal).cross_validate(normal),
-        is_linear: bank.bases[spot.base].is_linear,
-        is_steep: bank.bases[spot.base].is_steep(),
-        spot,
-    };
-    best.into_iter().map(candidate).collect()
+    best.into_iter().map(|spot| Candidate::new(bank, normal, spot)).collect()
+}
+
+/// A spot with optimised shape parameters, or the step at the same onset if that explains nearly the same.
+pub fn optimised(bank: &SignatureBank, normal: &NormalEquations, state: &ModelState, spot: Spot) -> Spot {
+    let best = spot.optimised(bank, normal, |spot| spot.is_physical(bank, state)).unwrap_or(spot);
+    best.as_step(bank, normal, TWO_SIGMA_CHI2).filter(|spot| is_possible(bank, state, spot)).unwrap_or(best)
 }
 
 /// Removes all but the best of each amplitude and set of gyros, since a step may have two origins.

@@ -25,7 +25,7 @@ use geu_hypothesis::Hypothesis;
 use geu_hypothesis::amplitude::{AmplitudeRef, AmplitudeSource, STEP, is_real};
 use geu_hypothesis::gyros::ALL_GYROS;
 
-pub use grid::SIZE_FACTOR;
+pub use grid::{PARTS, SIZE_FACTOR};
 use grid::{NEAR_SIZES, own_shapes, visible};
 
 /// Amplitude of a signature's run, as a share of the largest accepted value.
@@ -308,6 +308,11 @@ impl SignatureBank {
             let is_reached = series.iter().any(|&value| value != 0.0);
             is_reached.then(|| Column { from, values: put(series, base.mode, values.as_deref(), from..to) })
         })
+    }
+
+    /// Blocks of each signature.
+    pub fn block_count(&self) -> usize {
+        self.courses.blocks()
     }
 
     /// The hypothesis with this value.

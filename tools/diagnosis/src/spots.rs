@@ -7,10 +7,10 @@ use geu_model::time_profile::COURSES;
 use crate::courses::is_onset;
 use crate::measured::{BLOCK_S, CHANNELS, TIMING};
 use crate::model_state::ModelState;
-use crate::normal_equations::{NormalEquations, SignatureFit};
+use crate::normal_equations::{NormalEquations, Nuisance, SignatureFit};
 use crate::shape_search::maximise;
 use crate::signature::{Signature, reaches};
-use crate::signature_bank::{ConstantSignature, HypothesisFamily, SignatureBank, Variation};
+use crate::signature_bank::{Column, ConstantSignature, HypothesisFamily, SignatureBank, Variation};
 use crate::sweep::{Swept, sweep};
 use geu_hypothesis::Hypothesis;
 use geu_hypothesis::amplitude::{AmplitudeRef, STEP};
@@ -88,8 +88,8 @@ impl Spot {
         constant + smallest >= min
     }
 
-    /// Whitened signature.
-    pub fn signature(&self, bank: &SignatureBank, normal: &NormalEquations) -> Signature {
+    /// Signature on the channels that it reaches.
+    fn columns(&self, bank: &SignatureBank) -> [Option<Column>; CHANNELS] {
         let base = self.base(bank);
         let mut columns = bank.columns(base, &self.variation);
         for (channel, column) in columns.iter_mut().enumerate() {
@@ -97,7 +97,23 @@ impl Spot {
                 *column = None;
             }
         }
-        Signature::from_columns(normal, columns)
+        columns
+    }
+
+    /// Whitened signature.
+    pub fn signature(&self, bank: &SignatureBank, normal: &NormalEquations) -> Signature {
+        Signature::from_columns(normal, self.columns(bank))
+    }
+
+    /// Signature in all blocks.
+    pub fn nuisance(&self, bank: &SignatureBank) -> Nuisance {
+        self.columns(bank).map(|column| {
+            let Column { from, values } = column?;
+            let mut all = vec![0.0; from];
+            all.extend(values);
+            all.resize(bank.block_count(), 0.0);
+            Some(all)
+        })
     }
 
     /// The step at the same onset, if the course's end or decay explains less than `shape_chi2` more.
@@ -129,12 +145,13 @@ impl Spot {
     }
 }
 
-/// The best possible time course of each kind of one constant signature on each set of gyros. `sets` receives the channels that the
+/// The best possible time course of each kind of one constant signature on each set of gyros of these channels. `sets` receives the channels that the
 /// signature reaches.
 pub fn spots(
     bank: &SignatureBank,
     normal: &NormalEquations,
     index: usize,
+    has: [bool; CHANNELS],
     sets: impl Fn([bool; CHANNELS]) -> Vec<Gyros>,
     is_possible: impl Fn(&Spot) -> bool,
 ) -> Vec<Spot> {
@@ -156,6 +173,6 @@ pub fn spots(
             }
         }
     };
-    sweep(bank, normal, base, |_, _| (), push);
+    sweep(bank, normal, base, has, |_, _| (), push);
     best
 }

@@ -132,15 +132,16 @@ impl<T: Linear> Swept<T> {
     }
 }
 
-/// Passes each time course of a signature to `push`. `linear` is evaluated for the whitened signature on a channel.
+/// Passes each time course of a signature on these channels to `push`. `linear` is evaluated for the whitened signature on a channel.
 pub fn sweep<T: Linear>(
     bank: &SignatureBank,
     normal: &NormalEquations,
     base: &ConstantSignature,
+    has: [bool; CHANNELS],
     linear: impl Fn(usize, &Column) -> T,
     mut push: impl FnMut(&Variation, &Swept<T>),
 ) {
-    let mut source = Source::new(bank, normal, base, linear);
+    let mut source = Source::new(bank, normal, base, has, linear);
     let mut steps: Vec<(f64, Course, Swept<T>)> = Vec::new();
     for variation in bank.variations(base) {
         if let Some(onsets_s) = pulse_onsets_s(&variation) {
@@ -178,6 +179,7 @@ struct Source<'a, L> {
     bank: &'a SignatureBank,
     normal: &'a NormalEquations,
     base: &'a ConstantSignature,
+    has: [bool; CHANNELS],
     linear: L,
     kept: Option<KeptProducts>,
     new: CourseProducts,
@@ -188,12 +190,13 @@ impl<'a, T: Linear, L: Fn(usize, &Column) -> T> Source<'a, L> {
         bank: &'a SignatureBank,
         normal: &'a NormalEquations,
         base: &'a ConstantSignature,
+        has: [bool; CHANNELS],
         linear: L,
     ) -> Source<'a, L> {
         // A linear function requires whitened signatures.
         let products = T::CONSTANT.and_then(|_| base.products.with_noise(normal));
-        let kept = products.map(|products| KeptProducts::new(products, base, normal));
-        Source { bank, normal, base, linear, kept, new: CourseProducts::default() }
+        let kept = products.map(|products| KeptProducts::new(products, base, normal, has));
+        Source { bank, normal, base, has, linear, kept, new: CourseProducts::default() }
     }
 
     fn course(&mut self, variation: &Variation) -> (Course, Swept<T>) {
@@ -213,7 +216,10 @@ impl<'a, T: Linear, L: Fn(usize, &Column) -> T> Source<'a, L> {
     }
 
     fn whitened(&mut self, variation: &Variation, is_kept: bool) -> (Course, OfChannels<T>) {
-        let columns = self.bank.columns(self.base, variation);
+        let mut columns = self.bank.columns(self.base, variation);
+        if !is_kept {
+            columns.iter_mut().zip(self.has).filter(|(_, has)| !has).for_each(|(column, _)| *column = None);
+        }
         // A channel without usable blocks has no part.
         let is_used = |white: &Column| white.values.iter().any(|&value| value != 0.0);
         let white = self.normal.white_channels(&columns).map(|column| column.filter(is_used));

@@ -98,9 +98,11 @@ impl SelectedModel {
                 self.noise.iter().any(|found| found.channel == gyro && found.is_significant(nominal, &self.state));
             let alone = || self.on(gyro).map(|(_, held)| held).filter(|held| held.hypothesis.gyros == only(gyro));
             let is_doubtful = |held: &FittedHypothesis| {
+                // Between two motions the amplitude of what settles and its time constant are one number.
+                let has_shapes = held.is_free.iter().skip(1).any(|is_free| *is_free);
                 held.hypothesis.amplitude.formula().is_some()
                     || held.held_out.iter().flatten().sum::<f64>() < THREE_SIGMA_CHI2
-                    || held.hypothesis.value.abs() < THREE_SIGMAS * held.sigmas[0]
+                    || !has_shapes && held.hypothesis.value.abs() < THREE_SIGMAS * held.sigmas[0]
             };
             count > MAX_PER_GYRO || is_noisy && count > 1 || alone().count() > 1 && alone().any(is_doubtful)
         })

@@ -20,7 +20,7 @@ pub const SIZE_FACTOR: f64 = 1.5;
 const MAX_SIZES: usize = 30;
 const SIZES_AT_ONCE: usize = 5;
 /// Values between two of the grid that differ steeply, and one.
-const PARTS: i32 = 4;
+pub const PARTS: i32 = 4;
 /// Fitted values, over the value of the run, for which any nonlinear signature is valid: neighbouring values lie within.
 pub const NEAR_SIZES: Range<f64> = 0.4..2.5;
 /// Smallest departure of the accumulated counts that a signature is kept for: a part of the rounding.

@@ -1,0 +1,110 @@
+//! Two hypotheses at once, in place of one or two or beside all: beside a wrong hypothesis the next one is wrong too, so that two effects on
+//! a gyro may not be found one by one.
+
+use crate::fitted_hypothesis::FittedHypothesis;
+use crate::measured::TIMING;
+use crate::normal_equations::NormalEquations;
+use crate::search::{Candidate, best_spots, optimised, score, shape_penalty};
+use crate::significance::TWO_SIGMA_CHI2;
+use crate::spots::Spot;
+use crate::whiteness::whiteness_statistic;
+use geu_hypothesis::amplitude::AmplitudeRef;
+use geu_hypothesis::gyros::{ALL_GYROS, Gyros, overlap};
+
+use super::Searches;
+use super::candidate_fit::{FITTED, NEAR_CHI2, best_fit, fitted};
+use super::selected::{SelectedModel, SelectionStep};
+
+/// First hypotheses beside which the best second one is searched, and as many without shape parameters: a shape that is the
+/// best one alone is mostly another one than beside the right second hypothesis. A hypothesis of some gyros is also tried on all.
+const FIRST: usize = 12;
+/// Whiteness statistic from which a single hypothesis may be wrong for two: the pair must reduce χ² by more than its threshold of about 25, and
+/// that much in the residual raises the statistic of half a minute to half an hour by one sigma or more.
+const SUSPECT: f64 = 1.0;
+
+/// The likeliest pair, if the score with it is lower by [`TWO_SIGMA_CHI2`]; beside all other hypotheses only on gyros with larger walks or
+/// with a residual that is no noise.
+pub(super) fn likeliest_pair(searches: &Searches, selected: &SelectedModel) -> Option<SelectedModel> {
+    let mut now = selected.clone();
+    now.reset_noise(searches.case, &[true; TIMING]);
+    let held = &now.state.held;
+    let (_, channels) = whiteness_statistic(&now.normal.projected_residual());
+    let is_noisy = |gyro: usize| {
+        let limit = searches.thresholds.whiteness_statistic;
+        channels[gyro] > limit || selected.noise.iter().any(|found| found.channel == gyro)
+    };
+    let noisy: Gyros = std::array::from_fn(is_noisy);
+    let gyros = |index: usize| held[index].hypothesis.gyros;
+    let beside_all = noisy.contains(&true).then_some((Vec::new(), noisy));
+    // A single effect that leaves noise is not two.
+    let leaves_noise = |index: &usize| (0..TIMING).all(|gyro| !gyros(*index)[gyro] || channels[gyro] <= SUSPECT);
+    let in_place_of_one =
+        (0..held.len()).filter(|index| held.len() > 1 || !leaves_noise(index)).map(|index| (vec![index], gyros(index)));
+    let two = (0..held.len()).flat_map(|one| (one + 1..held.len()).map(move |other| [one, other]));
+    let in_place_of_two = two.filter(|&[one, other]| overlap(&gyros(one), &gyros(other)));
+    let in_place_of_two = in_place_of_two
+        .map(|[one, other]| (vec![one, other], std::array::from_fn(|gyro| gyros(one)[gyro] || gyros(other)[gyro])));
+    let places = beside_all.into_iter().chain(in_place_of_one).chain(in_place_of_two);
+    let pairs = places.filter_map(|(gone, gyros)| pair_in_place_of(searches, &now, &gone, &gyros));
+    pairs
+        .min_by(|one, other| one.penalised_chi2().total_cmp(&other.penalised_chi2()))
+        .filter(|pair| pair.penalised_chi2() < now.penalised_chi2() - TWO_SIGMA_CHI2)
+}
+
+/// The likeliest pair in place of the hypotheses with these indices, the first on any of these gyros; the second on those of the first, or
+/// of two that are replaced.
+fn pair_in_place_of(searches: &Searches, now: &SelectedModel, gone: &[usize], gyros: &Gyros) -> Option<SelectedModel> {
+    let Searches { case, bank, thresholds, .. } = *searches;
+    let mut base = now.clone();
+    gone.iter().rev().for_each(|&index| drop(base.remove(index)));
+    base.normal = case.fit(&mut base.state);
+    let bank = bank.late(base.state.shifts.temperature_s);
+    let (residual, columns) = case.linearised(&mut base.state);
+    let score = |spot: &Spot| score(&bank, Some(thresholds), spot) - shape_penalty(&spot.hypothesis(&bank));
+    let score_of_pair = |first: &Spot| {
+        let mut columns = columns.clone();
+        columns.push(first.nuisance(&bank));
+        let noise = case.whitenings(&base.state.noise);
+        let normal = NormalEquations::new(noise, &residual, &columns, &base.state.calibration);
+        let mut beside = base.state.clone();
+        beside.held.push(FittedHypothesis::fixed(first.hypothesis(&bank)));
+        let gyros = if gone.len() > 1 && *gyros != ALL_GYROS { gyros } else { &first.gyros };
+        let second = best_spots(&bank, &normal, &beside, Some(thresholds), gyros).into_iter().next()?;
+        Some(score(first) + score(&second))
+    };
+    let amplitudes: Vec<AmplitudeRef> = gone.iter().map(|&index| now.state.held[index].hypothesis.amplitude).collect();
+    let mut firsts = best_spots(&bank, &base.normal, &base.state, Some(thresholds), &ALL_GYROS);
+    let [mut kept, mut shapeless] = [0; 2];
+    firsts.retain(|spot| {
+        if !overlap(&spot.gyros, gyros) {
+            return false;
+        }
+        let is_shapeless = spot.hypothesis(&bank).course_shapes.is_empty();
+        kept += 1;
+        shapeless += usize::from(is_shapeless);
+        let is_of_all = spot.gyros == ALL_GYROS && amplitudes.contains(&spot.amplitude(&bank));
+        kept <= FIRST || is_shapeless && shapeless <= FIRST || is_of_all
+    });
+    let required = base.penalised_chi2() - now.penalised_chi2() - NEAR_CHI2;
+    let mut ranked: Vec<(f64, Spot)> =
+        firsts.into_iter().filter_map(|first| Some((score_of_pair(&first)?, first))).collect();
+    ranked.retain(|(score, _)| *score > required);
+    ranked.sort_by(|one, other| other.0.total_cmp(&one.0));
+    ranked.truncate(FITTED);
+    let fit = |(_, first): (f64, Spot)| {
+        let first = Candidate::new(&bank, &base.normal, optimised(&bank, &base.normal, &base.state, first));
+        let (_, state, normal) = fitted(case, thresholds, &base.state, &base.normal, &first, |_| true)?;
+        let mut pair = SelectedModel { rejected: None, ..base.clone() };
+        let kept = Some(state.held.len() - 1);
+        pair.steps.push(SelectionStep { candidates: vec![first], kept, added: Some(0) });
+        let candidates = searches.candidates(&state, &normal);
+        let (_, place, state, normal) = best_fit(case, thresholds, &state, &normal, &candidates, |_| true)?;
+        pair.steps.push(SelectionStep { candidates, kept: Some(state.held.len() - 1), added: Some(place) });
+        (pair.state, pair.normal) = (state, normal);
+        pair.free_shapes(case);
+        pair.round_count(case);
+        pair.is_predicted(case).then_some(pair)
+    };
+    let pairs = ranked.into_iter().filter_map(fit);
+    pairs.min_by(|one, other| one.penalised_chi2().total_cmp(&other.penalised_chi2()))
+}
