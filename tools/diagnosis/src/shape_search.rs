@@ -4,6 +4,7 @@ use geu_model::parameter_spec::Role;
 use geu_model::time_profile::COURSES;
 
 use crate::courses::shortest_s;
+use crate::measured::BLOCK_S;
 use crate::signature_bank::Variation;
 
 /// Number of halvings of the steps.
@@ -17,9 +18,17 @@ const TIME_CONSTANT_SHARE: f64 = 0.3;
 /// First step of a phase.
 const PHASE_RAD: f64 = 0.3;
 
-/// Local maximum of `of` near a variation, and its value. A variation without shape parameters stays.
+/// Local maximum of `of` near a variation, and its value. A variation without shape parameters stays; of an immediate effect the blocks
+/// beside its own are tried, which the grid leaves out.
 pub fn maximise(start: Variation, duration_s: f64, of: &dyn Fn(&Variation) -> f64) -> (Variation, f64) {
     let value = of(&start);
+    if let Variation::Onset { block } = start {
+        let near = [block.checked_sub(1), Some(block + 1).filter(|block| *block as f64 * BLOCK_S < duration_s)];
+        let near = near.into_iter().flatten().map(|block| Variation::Onset { block });
+        let tried = near.map(|variation| (of(&variation), variation));
+        let (value, best) = tried.fold((value, start), |best, own| if own.0 > best.0 { own } else { best });
+        return (best, value);
+    }
     let Variation::Course { kind, mut shapes } = start else { return (start, value) };
     let mut best = value;
     let mut steps: Vec<f64> = COURSES[kind]
@@ -86,5 +95,20 @@ mod tests {
             panic!("a course stays one");
         };
         assert!(value > -1e-3, "{shapes:?}");
+    }
+
+    #[test]
+    fn the_blocks_beside_an_onset_are_tried() {
+        let of = |variation: &Variation| match variation {
+            Variation::Onset { block } => -(*block as f64 - 1.0).abs(),
+            _ => f64::NAN,
+        };
+        for (start, expected) in [(0, 1), (2, 1), (1, 1), (5, 4)] {
+            assert_eq!(maximise(Variation::Onset { block: start }, 100.0, &of).0, Variation::Onset { block: expected });
+        }
+        // Neither before the start nor after the end.
+        let later = |variation: &Variation| -of(variation);
+        assert_eq!(maximise(Variation::Onset { block: 19 }, 100.0, &later).0, Variation::Onset { block: 19 });
+        assert_eq!(maximise(Variation::Onset { block: 0 }, 100.0, &later).0, Variation::Onset { block: 0 });
     }
 }

@@ -25,8 +25,8 @@ use geu_hypothesis::Hypothesis;
 use geu_hypothesis::amplitude::{AmplitudeRef, AmplitudeSource, STEP, is_real};
 use geu_hypothesis::gyros::ALL_GYROS;
 
-pub use grid::{PARTS, SIZE_FACTOR};
 use grid::{NEAR_SIZES, own_shapes, visible};
+pub use grid::{PARTS, SIZE_FACTOR};
 
 /// Amplitude of a signature's run, as a share of the largest accepted value.
 pub(crate) const SHARE: f64 = 1e-3;
