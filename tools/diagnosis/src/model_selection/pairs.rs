@@ -36,10 +36,11 @@ pub(super) fn likeliest_pair(searches: &Searches, selected: &SelectedModel) -> O
     let noisy: Gyros = std::array::from_fn(is_noisy);
     let gyros = |index: usize| held[index].hypothesis.gyros;
     let beside_all = noisy.contains(&true).then_some((Vec::new(), noisy));
-    // A single effect that leaves noise is not two.
-    let leaves_noise = |index: &usize| (0..TIMING).all(|gyro| !gyros(*index)[gyro] || channels[gyro] <= SUSPECT);
-    let in_place_of_one =
-        (0..held.len()).filter(|index| held.len() > 1 || !leaves_noise(index)).map(|index| (vec![index], gyros(index)));
+    let is_suspect = |index: &usize| {
+        let departs = (0..TIMING).any(|gyro| gyros(*index)[gyro] && channels[gyro] > SUSPECT);
+        held.len() > 1 || noisy.contains(&true) || departs
+    };
+    let in_place_of_one = (0..held.len()).filter(is_suspect).map(|index| (vec![index], gyros(index)));
     let two = (0..held.len()).flat_map(|one| (one + 1..held.len()).map(move |other| [one, other]));
     let in_place_of_two = two.filter(|&[one, other]| overlap(&gyros(one), &gyros(other)));
     let in_place_of_two = in_place_of_two
