@@ -45,13 +45,13 @@ pub struct Searches<'a> {
     /// Searches with this bank that recur.
     pub known: Recent<Vec<Candidate>>,
     /// Maximum number of times that two hypotheses are added at once.
-    pub pairs: usize,
+    pub pair_rounds: usize,
 }
 
 impl<'a> Searches<'a> {
     /// With this bank.
     pub fn new(case: &'a DiagnosisCase, bank: &'a SignatureBank, thresholds: &'a Thresholds) -> Searches<'a> {
-        Searches { case, bank, thresholds, known: Recent::default(), pairs: 0 }
+        Searches { case, bank, thresholds, known: Recent::default(), pair_rounds: 0 }
     }
 
     /// Candidates beside a state, best first.
@@ -129,10 +129,13 @@ pub fn select_model(searches: &Searches, start: &ModelState, per_gyro: usize) ->
         (effects, Some(noise)) => likelier(effects, noise),
         (effects, None) => effects,
     };
-    // The first pair in place of a walk may be another one than the next pair leads to.
+    // A pair in place of a walk has a penalty more, and may be a step to a better one.
     let mut last = best.clone();
-    for _ in 0..searches.pairs {
-        let Some(pair) = likeliest_pair(searches, &last.0) else { break };
+    for _ in 0..searches.pair_rounds {
+        if last.0.is_cut || last.1 > best.1 + thresholds.largest() {
+            break;
+        }
+        let Some(pair) = likeliest_pair(searches, &last.0, per_gyro) else { break };
         last = grown(&pair, Order::BestFirst).0;
         if last.1 < best.1 - TWO_SIGMA_CHI2 {
             best = last.clone();

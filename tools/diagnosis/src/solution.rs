@@ -21,8 +21,8 @@ use geu_hypothesis::amplitude::AmplitudeRef;
 
 /// Margin by which a formula must be better than the catalogue: odds of e⁵, 150 to one.
 const FORMULA_MARGIN: f64 = 10.0;
-/// Pairs of hypotheses that are tried one after the other.
-const PAIRS: usize = 3;
+/// Maximum number of times that two hypotheses are added at once.
+const PAIR_ROUNDS: usize = 3;
 /// Version of the search beside the model's lists. It changes with grids, families and null recordings, so that stored thresholds never
 /// apply to another search.
 const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 26");
@@ -96,7 +96,7 @@ impl<'a> Solution<'a> {
             found
         });
         progress("search");
-        let of_catalogue = Searches { pairs: PAIRS, ..Searches::new(&case, &catalogue, &thresholds) };
+        let of_catalogue = Searches { pair_rounds: PAIR_ROUNDS, ..Searches::new(&case, &catalogue, &thresholds) };
         let of_all = LazyCell::new(|| Searches::new(&case, &all, &thresholds));
         let pass = |per_gyro: usize| {
             let effects = select_model(&of_catalogue, &start, per_gyro);

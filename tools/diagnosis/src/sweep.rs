@@ -228,9 +228,12 @@ impl<'a, T: Linear, L: Fn(usize, &Column) -> T> Source<'a, L> {
             if is_kept {
                 self.new.push(channel, self.normal, products.as_ref());
             }
-            Some(self.normal.project(&products?))
+            Some(self.normal.project(&products.filter(|_| self.has[channel])?))
         });
-        let linear = std::array::from_fn(|channel| white[channel].as_ref().map(|white| (self.linear)(channel, white)));
+        let linear = std::array::from_fn(|channel| {
+            let white = white[channel].as_ref().filter(|_| self.has[channel])?;
+            Some((self.linear)(channel, white))
+        });
         (Course { white, parts }, linear)
     }
 

@@ -1,6 +1,7 @@
 //! Acceptance of a selection: formulas, overfitted gyros, rejected and superfluous hypotheses.
 
 use geu_model::Configuration;
+use geu_model::parameter_spec::Role;
 use rayon::prelude::*;
 
 use crate::diagnosis_case::DiagnosisCase;
@@ -99,10 +100,12 @@ impl SelectedModel {
             let alone = || self.on(gyro).map(|(_, held)| held).filter(|held| held.hypothesis.gyros == only(gyro));
             let is_doubtful = |held: &FittedHypothesis| {
                 // Between two motions the amplitude of what settles and its time constant are one number.
-                let has_shapes = held.is_free.iter().skip(1).any(|is_free| *is_free);
+                let parameters = held.hypothesis.parameters();
+                let mut free = parameters.iter().zip(&held.is_free).filter(|(_, is_free)| **is_free);
+                let settles = free.any(|(parameter, _)| parameter.role == Role::TimeConstant);
                 held.hypothesis.amplitude.formula().is_some()
                     || held.held_out.iter().flatten().sum::<f64>() < THREE_SIGMA_CHI2
-                    || !has_shapes && held.hypothesis.value.abs() < THREE_SIGMAS * held.sigmas[0]
+                    || !settles && held.hypothesis.value.abs() < THREE_SIGMAS * held.sigmas[0]
             };
             count > MAX_PER_GYRO || is_noisy && count > 1 || alone().count() > 1 && alone().any(is_doubtful)
         })

@@ -3,28 +3,30 @@
 
 use crate::fitted_hypothesis::FittedHypothesis;
 use crate::measured::TIMING;
+use crate::model_state::ModelState;
 use crate::normal_equations::NormalEquations;
 use crate::search::{Candidate, best_spots, optimised, score, shape_penalty};
+use crate::signature_bank::Variation;
 use crate::significance::TWO_SIGMA_CHI2;
 use crate::spots::Spot;
 use crate::whiteness::whiteness_statistic;
 use geu_hypothesis::amplitude::AmplitudeRef;
 use geu_hypothesis::gyros::{ALL_GYROS, Gyros, overlap};
 
-use super::Searches;
 use super::candidate_fit::{FITTED, NEAR_CHI2, best_fit, fitted};
 use super::selected::{SelectedModel, SelectionStep};
+use super::{MAX_EFFECTS, Searches};
 
-/// First hypotheses beside which the best second one is searched, and as many without shape parameters: a shape that is the
-/// best one alone is mostly another one than beside the right second hypothesis. A hypothesis of some gyros is also tried on all.
+/// First hypotheses beside which the best second one is searched, and as many without shapes of a time course: a shape that is the best one
+/// alone is mostly another one than beside the right second hypothesis. A replaced hypothesis of some gyros is also tried on all.
 const FIRST: usize = 12;
-/// Whiteness statistic from which a single hypothesis may be wrong for two: the pair must reduce χ² by more than its threshold of about 25, and
-/// that much in the residual raises the statistic of half a minute to half an hour by one sigma or more.
+/// Whiteness statistic from which a single hypothesis is tried against pairs. It only saves time: noise exceeds one sigma in every third
+/// recording or so, and two effects that one describes leave more in most.
 const SUSPECT: f64 = 1.0;
 
 /// The likeliest pair, if the score with it is lower by [`TWO_SIGMA_CHI2`]; beside all other hypotheses only on gyros with larger walks or
 /// with a residual that is no noise.
-pub(super) fn likeliest_pair(searches: &Searches, selected: &SelectedModel) -> Option<SelectedModel> {
+pub(super) fn likeliest_pair(searches: &Searches, selected: &SelectedModel, per_gyro: usize) -> Option<SelectedModel> {
     let mut now = selected.clone();
     now.reset_noise(searches.case, &[true; TIMING]);
     let held = &now.state.held;
@@ -46,7 +48,8 @@ pub(super) fn likeliest_pair(searches: &Searches, selected: &SelectedModel) -> O
     let in_place_of_two = in_place_of_two
         .map(|[one, other]| (vec![one, other], std::array::from_fn(|gyro| gyros(one)[gyro] || gyros(other)[gyro])));
     let places = beside_all.into_iter().chain(in_place_of_one).chain(in_place_of_two);
-    let pairs = places.filter_map(|(gone, gyros)| pair_in_place_of(searches, &now, &gone, &gyros));
+    let places = places.filter(|(gone, _)| held.len() + 2 - gone.len() <= MAX_EFFECTS);
+    let pairs = places.filter_map(|(gone, gyros)| pair_in_place_of(searches, &now, &gone, &gyros, per_gyro));
     pairs
         .min_by(|one, other| one.penalised_chi2().total_cmp(&other.penalised_chi2()))
         .filter(|pair| pair.penalised_chi2() < now.penalised_chi2() - TWO_SIGMA_CHI2)
@@ -54,7 +57,13 @@ pub(super) fn likeliest_pair(searches: &Searches, selected: &SelectedModel) -> O
 
 /// The likeliest pair in place of the hypotheses with these indices, the first on any of these gyros; the second on those of the first, or
 /// of two that are replaced.
-fn pair_in_place_of(searches: &Searches, now: &SelectedModel, gone: &[usize], gyros: &Gyros) -> Option<SelectedModel> {
+fn pair_in_place_of(
+    searches: &Searches,
+    now: &SelectedModel,
+    gone: &[usize],
+    gyros: &Gyros,
+    per_gyro: usize,
+) -> Option<SelectedModel> {
     let Searches { case, bank, thresholds, .. } = *searches;
     let mut base = now.clone();
     gone.iter().rev().for_each(|&index| drop(base.remove(index)));
@@ -77,7 +86,7 @@ fn pair_in_place_of(searches: &Searches, now: &SelectedModel, gone: &[usize], gy
     let mut firsts = best_spots(&bank, &base.normal, &base.state, Some(thresholds), &ALL_GYROS);
     let [mut kept, mut shapeless] = [0; 2];
     firsts.retain(|spot| {
-        if !overlap(&spot.gyros, gyros) {
+        if !overlap(&spot.gyros, gyros) || matches!(spot.variation, Variation::Onset { .. }) {
             return false;
         }
         let is_shapeless = spot.hypothesis(&bank).course_shapes.is_empty();
@@ -92,19 +101,25 @@ fn pair_in_place_of(searches: &Searches, now: &SelectedModel, gone: &[usize], gy
     ranked.retain(|(score, _)| *score > required);
     ranked.sort_by(|one, other| other.0.total_cmp(&one.0));
     ranked.truncate(FITTED);
-    let fit = |(_, first): (f64, Spot)| {
-        let first = Candidate::new(&bank, &base.normal, optimised(&bank, &base.normal, &base.state, first));
-        let (_, state, normal) = fitted(case, thresholds, &base.state, &base.normal, &first, |_| true)?;
-        let mut pair = SelectedModel { rejected: None, ..base.clone() };
-        let kept = Some(state.held.len() - 1);
-        pair.steps.push(SelectionStep { candidates: vec![first], kept, added: Some(0) });
-        let candidates = searches.candidates(&state, &normal);
-        let (_, place, state, normal) = best_fit(case, thresholds, &state, &normal, &candidates, |_| true)?;
+    let add = |pair: &mut SelectedModel,
+               candidates: Vec<Candidate>,
+               place,
+               (state, normal): (ModelState, NormalEquations)| {
         pair.steps.push(SelectionStep { candidates, kept: Some(state.held.len() - 1), added: Some(place) });
         (pair.state, pair.normal) = (state, normal);
         pair.free_shapes(case);
         pair.round_count(case);
-        pair.is_predicted(case).then_some(pair)
+    };
+    let fit = |(_, first): (f64, Spot)| {
+        let mut pair = SelectedModel { rejected: None, is_cut: false, ..base.clone() };
+        let first = Candidate::new(&bank, &base.normal, optimised(&bank, &base.normal, &base.state, first));
+        let (_, state, normal) = fitted(case, thresholds, &base.state, &base.normal, &first, |_| true)?;
+        add(&mut pair, vec![first], 0, (state, normal));
+        let seconds = searches.candidates(&pair.state, &pair.normal);
+        let (_, place, state, normal) = best_fit(case, thresholds, &pair.state, &pair.normal, &seconds, |_| true)?;
+        add(&mut pair, seconds, place, (state, normal));
+        let is_within = (0..TIMING).all(|gyro| pair.on(gyro).count() <= per_gyro + 1);
+        (is_within && pair.is_predicted(case)).then_some(pair)
     };
     let pairs = ranked.into_iter().filter_map(fit);
     pairs.min_by(|one, other| one.penalised_chi2().total_cmp(&other.penalised_chi2()))
