@@ -49,15 +49,13 @@ impl NotAFormula {
 }
 
 impl Formula {
-    /// Every product of up to three regressors, a repeated one as a power; without time, since effects have time courses.
+    /// Every product of up to three regressors, a repeated one as a power.
     pub fn all() -> Vec<Formula> {
-        let regressors: Vec<Regressor> =
-            Regressor::ALL.into_iter().filter(|regressor| regressor.name() != "time").collect();
         let mut products: Vec<Vec<Regressor>> = vec![Vec::new()];
         for _ in 0..MAX_FACTORS {
             let with_one_more = |product: &Vec<Regressor>| {
                 let product = product.clone();
-                regressors.iter().map(move |factor| [&product[..], &[*factor]].concat())
+                Regressor::ALL.into_iter().map(move |factor| [&product[..], &[factor]].concat())
             };
             let longer: Vec<Vec<Regressor>> = products.iter().flat_map(with_one_more).collect();
             products.extend(longer);
