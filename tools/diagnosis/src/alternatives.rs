@@ -30,11 +30,11 @@ const MAX_ALTERNATIVES: usize = 64;
 const FORMULAS: usize = 3;
 /// Difference of χ² below which hypotheses are not distinguishable, three sigma.
 pub const AMBIGUITY_CHI2: f64 = THREE_SIGMA_CHI2;
-/// Difference of χ² below which another time course with shape parameters is fitted by the model before it is excluded: signatures
-/// have shape parameters on a grid only. Time courses of a nonlinear amplitude are fitted at any difference.
+/// Difference of χ² below which another hypothesis with shape parameters or a nonlinear amplitude is fitted by the model before it is
+/// excluded: signatures have them on a grid only. Time courses of the same nonlinear amplitude are fitted at any difference.
 const NEAR_CHI2: f64 = 30.0;
-/// Maximum number of such fits of a linear amplitude.
-const FITTED: usize = 3;
+/// Maximum number of other fits.
+const FITTED: usize = 6;
 
 /// A hypothesis in place of another.
 #[derive(Debug, Clone, PartialEq)]
@@ -94,20 +94,18 @@ pub fn alternatives(
         let fall = normal.chi2() - achieved;
         let mut all = in_place_of(case, &bank.late(temperature_s), &normal, state, index, fall, penalties);
         let own = Signature::new(&normal, &case.signature(state, index));
-        let is_near = |other: &&mut Alternative| {
-            other.hypothesis.amplitude.constant() == found.hypothesis.amplitude.constant()
-                && other.delta_chi2 > AMBIGUITY_CHI2
-                && other.delta_chi2 < other.reach_chi2
-        };
+        let is_near =
+            |other: &&mut Alternative| other.delta_chi2 > AMBIGUITY_CHI2 && other.delta_chi2 < other.reach_chi2;
         let (nonlinear, linear): (Vec<_>, Vec<_>) =
             all.iter_mut().filter(is_near).partition(|other| other.reach_chi2 == f64::INFINITY);
         let near = nonlinear.into_iter().chain(linear.into_iter().take(FITTED)).collect::<Vec<_>>();
         near.into_par_iter().for_each(|other| {
+            let is_same = other.hypothesis.amplitude.constant() == found.hypothesis.amplitude.constant();
             let fitted = |start: Hypothesis| -> Option<Alternative> {
                 // With the same shape parameters fitted.
                 let mut held = FittedHypothesis::new(start);
                 let own_shapes = held.hypothesis.own_shapes.len();
-                (1..=own_shapes).filter(|&shape| found.is_free[shape]).for_each(|shape| held.free(shape));
+                (1..=own_shapes).filter(|&shape| is_same && found.is_free[shape]).for_each(|shape| held.free(shape));
                 let mut instead = others.clone();
                 instead.held.insert(index, held);
                 let chi2 = case.fit(&mut instead).squares() - achieved;
@@ -118,6 +116,7 @@ pub fn alternatives(
                 is_possible.then(|| Alternative { hypothesis, delta_chi2, cosine, ..other.clone() })
             };
             let started = with_its_onset(&found.hypothesis, &other.hypothesis, case.measured.duration_s());
+            let started = started.filter(|_| is_same);
             let starts = [Some(other.hypothesis.clone()), started].into_iter().flatten();
             if let Some(best) = starts.filter_map(fitted).min_by(|one, two| one.delta_chi2.total_cmp(&two.delta_chi2))
                 && best.delta_chi2 < other.delta_chi2
@@ -232,10 +231,12 @@ fn in_place_of(
         let cosine = own.cosine(normal, &best.signature(bank, normal));
         let (hypothesis, family) = (best.hypothesis(bank), best.family(bank));
         let delta_chi2 = delta(fall - best.gain.chi2, penalties.found - (penalties.of)(family, &hypothesis));
+        let is_same = hypothesis.amplitude.constant() == held.amplitude.constant();
         let reach_chi2 = match bank.bases[best.base].is_linear {
             true if has_shapes || hypothesis.parameters().len() > 1 => NEAR_CHI2,
             true => 0.0,
-            false => f64::INFINITY,
+            false if is_same => f64::INFINITY,
+            false => NEAR_CHI2,
         };
         let is_similar = cosine * cosine >= MIN_SHARE;
         (is_similar && hypothesis.is_within_limits()).then_some(Alternative {
