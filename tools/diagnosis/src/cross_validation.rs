@@ -33,7 +33,8 @@ pub fn fitted(
 ) -> ResidualStats {
     let white = NormalEquations::new(case.whitenings(&state.noise), &case.measured.residual(model), &[], &[]);
     let reduced_chi2 = squares(white.residual[..TIMING].iter().flatten()) / count(&white);
-    ResidualStats { reduced_chi2, ..ResidualStats::from_windowed(windowed) }
+    let squares = residual_stats::squares(case.measured, model).iter().sum();
+    ResidualStats { reduced_chi2, squares, ..ResidualStats::from_windowed(windowed) }
 }
 
 /// Statistics of each third's residual with all fitted parameters from the other two.

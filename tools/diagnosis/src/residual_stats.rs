@@ -21,13 +21,13 @@ pub struct ResidualStats {
     pub after_30min_arcsec: f64,
     /// χ² of the whitened residual over its degrees of freedom.
     pub reduced_chi2: f64,
-    /// Sum of the squares, arcsec².
+    /// Squared gap of all gyros, arcsec²: [`squares`].
     #[serde(skip)]
     pub squares: f64,
 }
 
 impl ResidualStats {
-    /// Statistics of a windowed residual; `reduced_chi2` is 0.
+    /// Statistics of a windowed residual; `reduced_chi2` and `squares` are 0.
     pub fn from_windowed(windowed: &[Vec<f64>; TIMING]) -> ResidualStats {
         let (mut squares, mut count, mut max) = (0.0, 0usize, 0.0f64);
         let (mut end_squares, mut ends) = (0.0, 0usize);
@@ -48,13 +48,34 @@ impl ResidualStats {
             max_arcsec: max,
             after_30min_arcsec: rms(end_squares, ends),
             reduced_chi2: 0.0,
-            squares,
+            squares: 0.0,
         }
     }
 }
 
+/// Squared gap of each gyro: of the windowed residual, or about the mean of each window against the rows of a smoothed reference. The
+/// smoothed motion itself contains what the gyros sense wrong within a minute.
+pub fn squares(measured: &MeasuredData, model: &Series) -> [f64; TIMING] {
+    if measured.smoothed.is_none() {
+        return windowed(measured, residual(measured, model)).each_ref().map(|gyro| squares_of(gyro));
+    }
+    let averages = measured.residual(model);
+    std::array::from_fn(|gyro| {
+        let blocks = &measured.blocks[gyro];
+        let is_start = |block: usize| block.is_multiple_of(WINDOW / BLOCK) || blocks[block].restarts;
+        let about_mean = |range: Range<usize>| {
+            let compared =
+                || range.clone().filter(|&block| blocks[block].is_compared).map(|block| averages[gyro][block]);
+            let mean = compared().sum::<f64>() / compared().count().max(1) as f64;
+            compared().map(|value| BLOCK as f64 * (value - mean).powi(2)).sum::<f64>()
+        };
+        let starts: Vec<usize> = (0..blocks.len()).filter(|&block| is_start(block)).chain([blocks.len()]).collect();
+        starts.windows(2).map(|pair| about_mean(pair[0]..pair[1])).sum()
+    })
+}
+
 /// Sum of the squares of usable values.
-pub fn squares_of(values: &[f64]) -> f64 {
+fn squares_of(values: &[f64]) -> f64 {
     values.iter().filter(|value| !value.is_nan()).map(|value| value * value).sum()
 }
 
@@ -123,7 +144,7 @@ mod tests {
         let mut gyro = vec![f64::NAN; WINDOW + 1];
         (gyro[1], gyro[2], gyro[WINDOW]) = (0.0, 3.0, -4.0);
         let gap = ResidualStats::from_windowed(&[gyro, vec![], vec![], vec![]]);
-        assert_eq!((gap.squares, gap.max_arcsec, gap.after_30min_arcsec), (25.0, 4.0, 4.0));
+        assert_eq!((gap.max_arcsec, gap.after_30min_arcsec), (4.0, 4.0));
         assert!((gap.rms_arcsec - (25.0f64 / 3.0).sqrt()).abs() < 1e-12);
     }
 }

@@ -9,10 +9,10 @@ use geu_model::Configuration;
 
 use crate::diagnosis_case::DiagnosisCase;
 use crate::fitted_hypothesis::FittedHypothesis;
-use crate::measured::{MeasuredData, Series, Shifts, TIMING};
+use crate::measured::{MeasuredData, Shifts, TIMING};
 use crate::model_state::ModelState;
 use crate::outcome::{Chi2Fall, Class, Correction, DiagnosedEffect};
-use crate::residual_stats::{residual, squares_of, windowed};
+use crate::residual_stats;
 
 /// Squared residuals of the gyros.
 type Squares = [f64; TIMING];
@@ -72,7 +72,7 @@ impl Shares<'_> {
         let mut fitted = |added: Option<FittedHypothesis>| {
             state.held.extend(added);
             self.case.fit(&mut state);
-            state_squares(self.case, &state)
+            residual_stats::squares(self.case.measured, &self.case.run(&state))
         };
         let first = fitted(None);
         let mut last = first;
@@ -88,13 +88,5 @@ impl Shares<'_> {
 }
 
 fn squares(measured: &MeasuredData, configuration: &Configuration, shifts: Shifts) -> Squares {
-    of_model(measured, &measured.run(configuration, shifts))
-}
-
-fn state_squares(case: &DiagnosisCase, state: &ModelState) -> Squares {
-    of_model(case.measured, &case.run(state))
-}
-
-fn of_model(measured: &MeasuredData, model: &Series) -> Squares {
-    windowed(measured, residual(measured, model)).each_ref().map(|gyro| squares_of(gyro))
+    residual_stats::squares(measured, &measured.run(configuration, shifts))
 }
