@@ -184,7 +184,7 @@ impl Report<'_> {
             // Hypotheses on these gyros alone did not leave noise, so they explain nothing.
             selected.drop_on(case, &first);
             // Without them others may no longer exceed their threshold.
-            selected.prune(case);
+            selected.prune(case, thresholds);
         }
         let gyros = unexplained(&selected.normal.projected_residual(), &overfitted);
         selected.noise.retain(|found| found.is_significant(case.nominal, &selected.state));

@@ -99,7 +99,7 @@ pub fn select_model(searches: &Searches, start: &ModelState, per_gyro: usize) ->
     let Searches { case, thresholds, .. } = *searches;
     let finished = |mut selected: SelectedModel| {
         selected.free_noise(case, thresholds);
-        selected.prune(case);
+        selected.prune(case, thresholds);
         selected.settled(case, thresholds)
     };
     let grown = |selected: &SelectedModel, order| {
@@ -228,26 +228,27 @@ fn grow(searches: &Searches, mut now: SelectedModel, per_gyro: usize, order: Ord
     (now, is_other)
 }
 
-/// Replaces each of several hypotheses by a likelier hypothesis beside the others: an earlier one may have explained a part of a later one.
+/// Replaces each of several hypotheses, and each two that overlap, by a likelier one beside the others: an earlier one may have explained
+/// a part of a later one, and two may be one.
 fn exchange(searches: &Searches, mut now: SelectedModel) -> SelectedModel {
     // Each exchange lowers the score, so that none is repeated.
-    while let Some(likelier) = (0..now.state.held.len()).find_map(|index| exchanged(searches, &now, index)) {
-        now = likelier;
+    loop {
+        let single = (0..now.state.held.len()).filter(|_| now.state.held.len() > 1).map(|index| vec![index]);
+        let sets: Vec<Vec<usize>> = single.chain(now.overlapping().map(Vec::from)).collect();
+        match sets.iter().find_map(|replaced| exchanged(searches, &now, replaced)) {
+            Some(likelier) => now = likelier,
+            None => return now,
+        }
     }
-    now
 }
 
-/// Replaces one hypothesis of several, if that lowers the score by [`TWO_SIGMA_CHI2`].
-fn exchanged(searches: &Searches, now: &SelectedModel, index: usize) -> Option<SelectedModel> {
+/// Replaces the hypotheses with these indices by one, if that lowers the score by [`TWO_SIGMA_CHI2`].
+fn exchanged(searches: &Searches, now: &SelectedModel, replaced: &[usize]) -> Option<SelectedModel> {
     let Searches { case, thresholds, .. } = *searches;
-    if now.state.held.len() < 2 {
-        return None;
-    }
-    let (state, normal, _) = now.without(case, index);
-    let candidates = searches.candidates(&state, &normal);
-    let (_, place, state, normal) = best_fit(case, thresholds, &state, &normal, &candidates, passes_cross_validation)?;
-    let mut other = now.clone();
-    other.remove(index);
+    let mut other = now.without_all(case, replaced);
+    let candidates = searches.candidates(&other.state, &other.normal);
+    let (_, place, state, normal) =
+        best_fit(case, thresholds, &other.state, &other.normal, &candidates, passes_cross_validation)?;
     other.steps.push(SelectionStep { candidates, kept: Some(state.held.len() - 1), added: Some(place) });
     (other.state, other.normal) = (state, normal);
     let is_likelier = |other: &SelectedModel| other.penalised_chi2() < now.penalised_chi2() - TWO_SIGMA_CHI2;

@@ -114,11 +114,11 @@ impl SelectedModel {
     /// Gyros with another effect beside a nonlinear effect that withholds motions, such as a dead zone: the withheld motion may be
     /// described by another calibration and further effects as well.
     pub fn beside_nonlinear_filter(&self, bank: &SignatureBank) -> Gyros {
-        let is_nonlinear = |held: &FittedHypothesis| {
+        let is_zone = |held: &FittedHypothesis| {
             let amplitude = held.hypothesis.amplitude.constant();
-            amplitude.filters_motion() && bank.bases.iter().any(|base| base.amplitude == amplitude && !base.is_linear)
+            bank.bases.iter().any(|base| base.amplitude == amplitude && base.is_zone())
         };
-        std::array::from_fn(|gyro| self.on(gyro).count() > 1 && self.on(gyro).any(|(_, held)| is_nonlinear(held)))
+        std::array::from_fn(|gyro| self.on(gyro).count() > 1 && self.on(gyro).any(|(_, held)| is_zone(held)))
     }
 
     /// Rejects a candidate: its score with the white noise fitted without it. Where angles are dequantised, the signatures of small motions
@@ -151,23 +151,27 @@ impl SelectedModel {
         (self, best)
     }
 
-    /// Removes each hypothesis whose χ² reduction beside all others is less than its penalty. With walks above their configured growth
-    /// the penalty is too low: then a hypothesis must also be better than a walk in its place.
-    pub fn prune(&mut self, case: &DiagnosisCase) {
+    /// Removes each hypothesis whose χ² reduction beside all others is less than its penalty, or without which the score is lower with the
+    /// white noise fitted again: noise fitted beside it weights what it explains. With walks above their configured growth the penalty
+    /// is too low: then a hypothesis must also be better than a walk in its place.
+    pub fn prune(&mut self, case: &DiagnosisCase, thresholds: &Thresholds) {
         let is_noisy = self.is_noisy(case.nominal);
         loop {
+            let score = self.score(case, thresholds);
             let without = |index: usize| {
+                let mut others = self.clone();
+                others.remove(index);
                 let (mut state, normal, chi2) = self.without(case, index);
                 let hypothesis = &self.state.held[index].hypothesis;
                 let walk = if is_noisy { rate_walk_fall(case, &mut state, hypothesis) } else { 0.0 };
-                (chi2.fall - chi2.threshold - walk, index, state, normal)
+                (others.state, others.normal) = (state, normal);
+                let noise = others.fitted_white(case);
+                let margin = (chi2.fall - chi2.threshold).min(others.score_with(case, thresholds, &noise) - score);
+                (margin - walk, others)
             };
             let all: Vec<_> = (0..self.state.held.len()).into_par_iter().map(without).collect();
             match all.into_iter().min_by(|one, other| one.0.total_cmp(&other.0)) {
-                Some((margin, index, state, normal)) if margin <= 0.0 => {
-                    self.remove(index);
-                    (self.state, self.normal) = (state, normal);
-                }
+                Some((margin, others)) if margin <= 0.0 => *self = others,
                 _ => break,
             }
         }

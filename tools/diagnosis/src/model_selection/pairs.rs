@@ -43,13 +43,11 @@ pub(super) fn likeliest_pair(searches: &Searches, selected: &SelectedModel, per_
         held.len() > 1 || noisy.contains(&true) || departs
     };
     let in_place_of_one = (0..held.len()).filter(is_suspect).map(|index| (vec![index], gyros(index)));
-    let two = (0..held.len()).flat_map(|one| (one + 1..held.len()).map(move |other| [one, other]));
-    let in_place_of_two = two.filter(|&[one, other]| overlap(&gyros(one), &gyros(other)));
-    let in_place_of_two = in_place_of_two
-        .map(|[one, other]| (vec![one, other], std::array::from_fn(|gyro| gyros(one)[gyro] || gyros(other)[gyro])));
+    let both = |[one, other]: [usize; 2]| std::array::from_fn(|gyro| gyros(one)[gyro] || gyros(other)[gyro]);
+    let in_place_of_two = now.overlapping().map(|two| (Vec::from(two), both(two)));
     let places = beside_all.into_iter().chain(in_place_of_one).chain(in_place_of_two);
-    let places = places.filter(|(gone, _)| held.len() + 2 - gone.len() <= MAX_EFFECTS);
-    let pairs = places.filter_map(|(gone, gyros)| pair_in_place_of(searches, &now, &gone, &gyros, per_gyro));
+    let places = places.filter(|(replaced, _)| held.len() + 2 - replaced.len() <= MAX_EFFECTS);
+    let pairs = places.filter_map(|(replaced, gyros)| pair_in_place_of(searches, &now, &replaced, &gyros, per_gyro));
     pairs
         .min_by(|one, other| one.penalised_chi2().total_cmp(&other.penalised_chi2()))
         .filter(|pair| pair.penalised_chi2() < now.penalised_chi2() - TWO_SIGMA_CHI2)
@@ -60,14 +58,12 @@ pub(super) fn likeliest_pair(searches: &Searches, selected: &SelectedModel, per_
 fn pair_in_place_of(
     searches: &Searches,
     now: &SelectedModel,
-    gone: &[usize],
+    replaced: &[usize],
     gyros: &Gyros,
     per_gyro: usize,
 ) -> Option<SelectedModel> {
     let Searches { case, bank, thresholds, .. } = *searches;
-    let mut base = now.clone();
-    gone.iter().rev().for_each(|&index| drop(base.remove(index)));
-    base.normal = case.fit(&mut base.state);
+    let mut base = now.without_all(case, replaced);
     let bank = bank.late(base.state.shifts.temperature_s);
     let (residual, columns) = case.linearised(&mut base.state);
     let score = |spot: &Spot| score(&bank, Some(thresholds), spot) - shape_penalty(&spot.hypothesis(&bank));
@@ -78,11 +74,12 @@ fn pair_in_place_of(
         let normal = NormalEquations::new(noise, &residual, &columns, &base.state.calibration);
         let mut beside = base.state.clone();
         beside.held.push(FittedHypothesis::fixed(first.hypothesis(&bank)));
-        let gyros = if gone.len() > 1 && *gyros != ALL_GYROS { gyros } else { &first.gyros };
+        let gyros = if replaced.len() > 1 && *gyros != ALL_GYROS { gyros } else { &first.gyros };
         let second = best_spots(&bank, &normal, &beside, Some(thresholds), gyros).into_iter().next()?;
         Some(score(first) + score(&second))
     };
-    let amplitudes: Vec<AmplitudeRef> = gone.iter().map(|&index| now.state.held[index].hypothesis.amplitude).collect();
+    let amplitudes: Vec<AmplitudeRef> =
+        replaced.iter().map(|&index| now.state.held[index].hypothesis.amplitude).collect();
     let mut firsts = best_spots(&bank, &base.normal, &base.state, Some(thresholds), &ALL_GYROS);
     let [mut kept, mut shapeless] = [0; 2];
     firsts.retain(|spot| {

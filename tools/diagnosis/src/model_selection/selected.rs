@@ -14,7 +14,7 @@ use crate::outcome::{Chi2Fall, Correction, DiagnosedEffect};
 use crate::search::{Candidate, shape_penalty};
 use crate::temperature_lag::lag_chi2;
 use crate::whitening::NoiseModel;
-use geu_hypothesis::gyros::{Gyros, is_within};
+use geu_hypothesis::gyros::{Gyros, is_within, overlap};
 
 /// Maximum number of accepted effects on one gyro. The search adds one more, which marks the gyro as overfitted.
 pub const MAX_PER_GYRO: usize = 3;
@@ -143,6 +143,21 @@ impl SelectedModel {
         let fall = normal.squares() - self.normal.squares();
         let threshold = self.state.held[index].penalty + lag_chi2(&self.state) - lag_chi2(&state);
         (state, normal, Chi2Fall { fall, threshold })
+    }
+
+    /// The selection without the hypotheses of these indices, refitted.
+    pub(super) fn without_all(&self, case: &DiagnosisCase, indices: &[usize]) -> SelectedModel {
+        let mut others = self.clone();
+        indices.iter().rev().for_each(|&index| drop(others.remove(index)));
+        others.normal = case.fit(&mut others.state);
+        others
+    }
+
+    /// Indices of each two hypotheses that act on a common gyro.
+    pub(super) fn overlapping(&self) -> impl Iterator<Item = [usize; 2]> {
+        let held = &self.state.held;
+        let pairs = (0..held.len()).flat_map(|one| (one + 1..held.len()).map(move |other| [one, other]));
+        pairs.filter(|&[one, other]| overlap(&held[one].hypothesis.gyros, &held[other].hypothesis.gyros))
     }
 
     /// Removes a hypothesis from the state and from the steps.
