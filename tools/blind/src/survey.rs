@@ -21,8 +21,10 @@ use geu_diagnosis::normal_equations::{NormalEquations, Nuisance};
 use geu_diagnosis::null_distribution::Thresholds;
 use geu_diagnosis::outcome::{DiagnosedEffect, Diagnosis};
 use geu_diagnosis::rounding::Rounding;
+use geu_diagnosis::rounding::{CLOSED_LOOP, correlation_with_motion};
 use geu_diagnosis::signature::Signature;
 use geu_diagnosis::signature_bank::SignatureBank;
+use geu_diagnosis::small_motions::unknown_rate_arcsec_per_s;
 use geu_diagnosis::whitening::NoiseModel;
 use geu_diagnosis::{DiagnosisOptions, diagnose_rows};
 use geu_hypothesis::Hypothesis;
@@ -138,6 +140,16 @@ impl TrialMotion {
         InjectedEffect { hypothesis, origin, sigma: None, strength: None, nearest: None, assignments }
     }
 
+    /// False for a dead zone that a diagnosis does not search on this motion.
+    pub(super) fn judges(&self, hypothesis: &Hypothesis) -> bool {
+        let answers_counts = correlation_with_motion(&self.measured, &self.from) > CLOSED_LOOP;
+        self.bank().judges(hypothesis, unknown_rate_arcsec_per_s(&self.measured, &self.nominal, answers_counts))
+    }
+
+    fn bank(&self) -> &SignatureBank {
+        self.bank.get_or_init(|| SignatureBank::new(&self.measured, &self.nominal))
+    }
+
     /// The hypothesis with the amplitude at which its signature has this strength. `None` if no amplitude within the limits has, or the
     /// nuisance parameters can replace the effect. Counts are rounded up to whole numbers.
     pub fn scaled(
@@ -181,7 +193,7 @@ impl TrialMotion {
 
     /// Similar amplitudes of the catalogue with a lagged temperature, the most similar first.
     fn similar(&self, hypothesis: &Hypothesis, temperature_late_s: f64) -> Vec<Alternative> {
-        let bank = self.bank.get_or_init(|| SignatureBank::new(&self.measured, &self.nominal));
+        let bank = self.bank();
         let nuisances = self.nuisances.clone();
         let rounding = self.rounding.clone();
         let case = DiagnosisCase {

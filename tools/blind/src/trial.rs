@@ -146,7 +146,7 @@ impl<'a> TrialGenerator<'a> {
         numbers.iter().map(|number| self.shape(number)).collect()
     }
 
-    /// Draws an amplitude of the catalogue, constant or with a time course.
+    /// Draws an amplitude of the catalogue, constant or with a time course, that a diagnosis of the motion judges.
     pub fn amplitude(&mut self, strength: f64) -> Option<InjectedEffect> {
         let constants = AmplitudeRef::all().into_iter().filter(is_real);
         let all: Vec<AmplitudeRef> = constants.flat_map(AmplitudeRef::with_courses).filter(stays_possible).collect();
@@ -163,7 +163,9 @@ impl<'a> TrialGenerator<'a> {
             };
             let is_negative = amplitude.number().min < 0.0 && self.random.random::<bool>();
             let hypothesis = Hypothesis { amplitude, value: 0.0, own_shapes, course_shapes, gyros };
-            self.motion.scaled(hypothesis, Origin::Catalogue, if is_negative { -1.0 } else { 1.0 }, strength)
+            let sign = if is_negative { -1.0 } else { 1.0 };
+            let found = self.motion.scaled(hypothesis, Origin::Catalogue, sign, strength);
+            found.filter(|found| self.motion.judges(&found.hypothesis))
         })
     }
 
@@ -178,7 +180,7 @@ impl<'a> TrialGenerator<'a> {
         injected
     }
 
-    /// Draws a term outside the catalogue of one to three factors; a diagnosis does not search terms with the time.
+    /// Draws a term outside the catalogue of one to three factors.
     pub fn unknown(&mut self, strength: f64) -> Option<InjectedEffect> {
         let found = (0..TRIES).find_map(|_| {
             let factors = if self.random.random::<bool>() { 3 } else { self.random.random_range(1..=2) };

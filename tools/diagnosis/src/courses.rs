@@ -30,6 +30,12 @@ const DURATIONS: [usize; 10] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32];
 /// Searched onsets of immediate effects, which end with the manoeuvre.
 const SUDDEN_ONSETS: usize = 4 * ONSETS;
 
+/// True if a kind of [`COURSES`] has no values but 0 and 1.
+pub fn is_switch(kind: usize) -> bool {
+    let shapes = COURSES[kind].shapes;
+    !shapes.is_empty() && shapes.iter().all(|shape| matches!(shape.role, Role::Onset | Role::Duration))
+}
+
 /// Application of a time course to a signature.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Mode {

@@ -40,7 +40,7 @@ mod shares;
 pub mod signature;
 pub mod signature_bank;
 pub mod significance;
-mod small_motions;
+pub mod small_motions;
 mod solution;
 mod spots;
 mod sweep;

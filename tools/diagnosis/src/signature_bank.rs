@@ -18,7 +18,7 @@ use rayon::prelude::*;
 
 use crate::course_products::ProductCache;
 pub use crate::courses::Variation;
-use crate::courses::{Courses, Mode, is_onset, put};
+use crate::courses::{Courses, Mode, is_onset, is_switch, put};
 use crate::linear_algebra::increment_products;
 use crate::measured::{BLOCK_S, CHANNELS, MeasuredData, Series, Shifts, TIMING};
 use geu_hypothesis::Hypothesis;
@@ -73,6 +73,11 @@ impl ConstantSignature {
     /// True if its signature is that of another value.
     pub fn is_valid_at(&self, size: f64) -> bool {
         self.is_linear || self.valid.contains(&(size / self.size))
+    }
+
+    /// True for a dead zone: another value has another signature, so that of its time courses only those that switch it are searched.
+    pub fn is_zone(&self) -> bool {
+        self.amplitude.filters_motion() && !self.is_linear
     }
 
     /// True if neighbouring values add much more or less in proportion: then a fit does not converge from there.
@@ -130,6 +135,8 @@ pub struct SignatureBank {
     pub bases: Vec<ConstantSignature>,
     courses: Courses,
     jump_blocks: usize,
+    /// Rate up to which dead zones are left out, arcsec/s.
+    pub(crate) unknown_rate_arcsec_per_s: f64,
 }
 
 impl SignatureBank {
@@ -137,8 +144,12 @@ impl SignatureBank {
     pub fn new(measured: &MeasuredData, configuration: &Configuration) -> SignatureBank {
         let base = measured.run(configuration, Shifts::default());
         let jump_blocks = if measured.smoothed.is_some() { measured.block_count() } else { JUMP_BLOCKS };
-        let mut bank =
-            SignatureBank { bases: Vec::new(), courses: Courses::on(measured, configuration).with_grid(), jump_blocks };
+        let mut bank = SignatureBank {
+            bases: Vec::new(),
+            courses: Courses::on(measured, configuration).with_grid(),
+            jump_blocks,
+            unknown_rate_arcsec_per_s: 0.0,
+        };
         bank.bases = AmplitudeRef::all()
             .into_par_iter()
             .filter(is_real)
@@ -284,7 +295,8 @@ impl SignatureBank {
             number.role != Role::Width || number.default == DefaultValue::Value(*value)
         };
         let is_tried = base.has_courses && base.amplitude.own_shapes().iter().zip(&base.own_shapes).all(is_default);
-        for kind in (0..COURSES.len()).filter(|&kind| is_tried && base.amplitude.with(kind).is_some()) {
+        let is_searched = |kind: &usize| base.amplitude.with(*kind).is_some() && (is_switch(*kind) || !base.is_zone());
+        for kind in (0..COURSES.len()).filter(|kind| is_tried && is_searched(kind)) {
             all.extend(self.courses.variations(kind, base.mode));
         }
         all

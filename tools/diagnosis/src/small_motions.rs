@@ -3,8 +3,11 @@
 //! A controller that uses the counts turns the unit back by the noise of the gyros, and the motion between the rows of a slow
 //! reference is taken from the counts. An effect that withholds such a motion explains any noise.
 
-use crate::measured::{Series, TIMING, nodes};
-use crate::signature_bank::SignatureBank;
+use crate::courses::is_switch;
+use crate::measured::{BLOCK_S, MeasuredData, Series, TIMING, nodes};
+use crate::signature_bank::{ConstantSignature, SignatureBank};
+use geu_hypothesis::Hypothesis;
+use geu_model::Configuration;
 
 /// Largest turn within a block of a motion that answers the counts: several roundings.
 const SMALL_COUNTS: f64 = 10.0;
@@ -34,4 +37,32 @@ impl SignatureBank {
         }
         self
     }
+
+    /// The signatures without those of dead zones up to a rate.
+    #[must_use]
+    pub fn without_zones_up_to(mut self, arcsec_per_s: f64) -> SignatureBank {
+        self.unknown_rate_arcsec_per_s = arcsec_per_s;
+        self.bases.retain(|base| !base.is_zone() || base.size > arcsec_per_s);
+        self
+    }
+
+    /// Value up to which an amplitude is not judged.
+    pub fn unjudged(&self, base: &ConstantSignature) -> f64 {
+        if base.is_zone() { self.unknown_rate_arcsec_per_s } else { f64::NEG_INFINITY }
+    }
+
+    /// False for a dead zone that is not searched, with zones up to a rate left out.
+    pub fn judges(&self, hypothesis: &Hypothesis, arcsec_per_s: f64) -> bool {
+        let is_zone = |base: &ConstantSignature| base.amplitude == hypothesis.amplitude.constant() && base.is_zone();
+        let is_searched = hypothesis.amplitude.kind.is_none_or(is_switch) && hypothesis.value > arcsec_per_s;
+        is_searched || !self.bases.iter().any(is_zone)
+    }
+}
+
+/// Rate up to which a dead zone is not judged, arcsec/s: that of small motions if these answer the counts or are taken from them. Such a zone
+/// withholds the noise of the gyros, and explains it.
+pub fn unknown_rate_arcsec_per_s(measured: &MeasuredData, nominal: &Configuration, answers_counts: bool) -> f64 {
+    let scale_factors = nominal.gyros.each_ref().map(|gyro| gyro.calibration.scale_factor);
+    let largest = scale_factors.into_iter().fold(0.0, f64::max);
+    if answers_counts || measured.smoothed.is_some() { SMALL_COUNTS / BLOCK_S * largest } else { 0.0 }
 }

@@ -15,6 +15,7 @@ use crate::null_distribution::{Thresholds, thresholds};
 use crate::rounding::{CLOSED_LOOP, CLOSED_LOOP_WITH_EFFECTS, correlation_with_motion};
 use crate::signature_bank::SignatureBank;
 use crate::significance::THREE_SIGMAS;
+use crate::small_motions::unknown_rate_arcsec_per_s;
 use crate::whiteness::whiteness_statistic;
 use crate::whitening::NoiseModel;
 use geu_hypothesis::amplitude::AmplitudeRef;
@@ -25,7 +26,7 @@ const FORMULA_MARGIN: f64 = 10.0;
 const PAIR_ROUNDS: usize = 3;
 /// Version of the search beside the model's lists. It changes with grids, families and null recordings, so that stored thresholds never
 /// apply to another search.
-const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 26");
+const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 27");
 
 /// Options of a diagnosis.
 pub struct DiagnosisOptions<'a> {
@@ -83,6 +84,7 @@ impl<'a> Solution<'a> {
         case.linear = LinearSignatures::new(whole.linear());
         let contains_noise = !has_counts || is_loop;
         let catalogue = if contains_noise { whole.clone().without_small_motions(&path) } else { whole.clone() };
+        let catalogue = catalogue.without_zones_up_to(unknown_rate_arcsec_per_s(measured, nominal, contains_noise));
         let formulas = LazyCell::new(|| {
             let formulas = catalogue.formulas(measured, nominal);
             if contains_noise { formulas.without_small_motions(&path) } else { formulas }

@@ -104,7 +104,8 @@ pub(super) fn fitted(
     }
     let held = &tried.held[last];
     let fall = normal.squares() - tried_normal.squares() - penalty;
-    let is_accepted = fall > 0.0 && is_predicted(&held.held_out) && is_possible(held);
+    let is_judged = held.hypothesis.value > candidate.unjudged;
+    let is_accepted = fall > 0.0 && is_predicted(&held.held_out) && is_possible(held) && is_judged;
     is_accepted.then_some((fall, tried, tried_normal))
 }
 
