@@ -228,13 +228,13 @@ fn grow(searches: &Searches, mut now: SelectedModel, per_gyro: usize, order: Ord
     (now, is_other)
 }
 
-/// Replaces each of several hypotheses, and each two that overlap, by a likelier one beside the others: an earlier one may have explained
+/// Replaces each of several hypotheses, and each two that are entangled, by a likelier one beside the others: an earlier one may have explained
 /// a part of a later one, and two may be one.
 fn exchange(searches: &Searches, mut now: SelectedModel) -> SelectedModel {
     // Each exchange lowers the score, so that none is repeated.
     loop {
         let single = (0..now.state.held.len()).filter(|_| now.state.held.len() > 1).map(|index| vec![index]);
-        let sets: Vec<Vec<usize>> = single.chain(now.overlapping().map(Vec::from)).collect();
+        let sets: Vec<Vec<usize>> = single.chain(now.entangled().map(Vec::from)).collect();
         match sets.iter().find_map(|replaced| exchanged(searches, &now, replaced)) {
             Some(likelier) => now = likelier,
             None => return now,
