@@ -134,6 +134,12 @@ impl TrialMotion {
         similar.iter().find(is_found).map_or(as_found, |other| other.cosine.max(as_found))
     }
 
+    /// Absolute cosine of the whitened signatures of two effects, with the nuisance parameters projected out; 0 if either has none.
+    pub(super) fn cosine(&self, one: &Hypothesis, other: &Hypothesis) -> f64 {
+        let signatures = self.signature_of(one, 0.0).zip(self.signature_of(other, 0.0));
+        signatures.map_or(0.0, |(one, other)| one.cosine(&self.normal, &other))
+    }
+
     /// An injected effect without a signature.
     pub(super) fn injected(&self, hypothesis: Hypothesis, origin: Origin) -> InjectedEffect {
         let assignments = hypothesis.assignments(&self.with(&hypothesis));

@@ -33,6 +33,8 @@ const NOISE_FACTOR: [f64; 2] = [3.0, 10.0];
 const ON_ALL: u32 = 8;
 /// Maximum number of draws for one effect.
 const TRIES: usize = 200;
+/// Cosine of the signatures of two effects above which each has less than half its strength beside the other.
+const COMPENSATING_COSINE: f64 = 0.866;
 /// Sigmas of the calibration errors: scale factor, drift in arcsec per sample interval, misalignment in arcsec.
 const SCALE_ERROR: f64 = 6e-6;
 const DRIFT_ERROR: f64 = 1.2 / 7200.0;
@@ -169,12 +171,16 @@ impl<'a> TrialGenerator<'a> {
         })
     }
 
-    /// Draws amplitudes of the catalogue that do not share parameters.
+    /// Draws amplitudes of the catalogue that do not share parameters and of which none compensates another.
     pub fn amplitudes(&mut self, count: usize, strength: f64) -> Vec<InjectedEffect> {
         let mut injected: Vec<InjectedEffect> = Vec::new();
         for _ in 0..TRIES {
             if injected.len() < count {
-                injected.extend(self.amplitude(strength).filter(|next| is_independent(next, &injected)));
+                let compensates = |next: &InjectedEffect, own: &InjectedEffect| {
+                    self.motion.cosine(&next.hypothesis, &own.hypothesis) > COMPENSATING_COSINE
+                };
+                let next = self.amplitude(strength).filter(|next| is_independent(next, &injected));
+                injected.extend(next.filter(|next| !injected.iter().any(|own| compensates(next, own))));
             }
         }
         injected
