@@ -90,6 +90,18 @@ impl Variation {
         }
     }
 
+    /// Value of its first shape with this role.
+    fn shape(&self, role: Role) -> Option<f64> {
+        let Variation::Course { kind, shapes } = self else { return None };
+        COURSES[*kind].shapes.iter().position(|number| number.role == role).map(|index| shapes[index])
+    }
+
+    /// What remains of it from one block to the next after its onset, all of a step; `None` for other forms.
+    pub fn decay(&self) -> Option<f64> {
+        let onset_s = self.shape(Role::Onset).filter(|_| self.shape(Role::Duration).is_none());
+        onset_s.map(|_| self.shape(Role::TimeConstant).map_or(1.0, |constant_s| (-BLOCK_S / constant_s).exp()))
+    }
+
     /// The wave with another phase; `None` if it is not a wave. It is the wave of phase 0 times the cosine of the phase plus the wave a
     /// quarter period later times the sine.
     pub fn at_phase(&self, phase_rad: f64) -> Option<Variation> {
@@ -108,9 +120,7 @@ fn key(mode: Mode, variation: &Variation) -> Option<Key> {
 
 /// Onset and end of a pulse: it is the difference of two steps; `None` for other time courses.
 pub fn pulse_onsets_s(variation: &Variation) -> Option<[f64; 2]> {
-    let Variation::Course { kind, shapes } = variation else { return None };
-    let at = |role: Role| COURSES[*kind].shapes.iter().position(|number| number.role == role);
-    let (onset_s, duration_s) = (shapes[at(Role::Onset)?], shapes[at(Role::Duration)?]);
+    let (onset_s, duration_s) = (variation.shape(Role::Onset)?, variation.shape(Role::Duration)?);
     Some([onset_s, onset_s + duration_s])
 }
 
@@ -297,6 +307,13 @@ mod tests {
                 assert_eq!(kept, values, "{variation:?}");
                 assert_eq!(matches!(kept, Some(Cow::Borrowed(_))), variation.is_of_time(), "{variation:?}");
                 cached += usize::from(variation.is_of_time());
+                if let (Some(decay), Some(values)) = (variation.decay(), &values) {
+                    let after_onset = &values[(variation.first_block() + 2).saturating_sub(blocks.start)..];
+                    assert!(
+                        after_onset.windows(2).all(|pair| (pair[1] - decay * pair[0]).abs() < 1e-12),
+                        "{variation:?}"
+                    );
+                }
                 // Only the courses that follow the temperature depend on its delay.
                 if late.values(mode, &variation, blocks) != values {
                     assert_eq!(late.values(mode, &variation, 30..200), none.values(mode, &variation, 60..230));

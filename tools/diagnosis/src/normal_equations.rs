@@ -133,12 +133,17 @@ impl NormalEquations {
     /// Residual and nuisances of hypotheses through the transposed filters.
     pub fn transposed(&self) -> &[Transposed; CHANNELS] {
         let of_channel = |channel: usize| {
-            let transposed = |white: &[f64]| self.whitenings[channel].transposed(white);
+            let transposed = |white: &[f64]| self.derivatives(channel, white);
             let others = self.columns(channel).filter(|(place, _)| *place >= self.of_recording());
             let others = others.map(|(place, column)| (place, transposed(column))).collect();
             (transposed(&self.residual[channel]), others)
         };
         self.transposed.get_or_init(|| std::array::from_fn(of_channel))
+    }
+
+    /// Derivatives of the product of a whitened series and a signature by the increments of the signature.
+    pub fn derivatives(&self, channel: usize, white: &[f64]) -> Vec<f64> {
+        self.whitenings[channel].transposed(white)
     }
 
     /// Whitened signatures of the nuisances on a channel, with their places.

@@ -18,17 +18,16 @@ use crate::measured::{BLOCK, CHANNELS, Series, TIMING, nodes};
 use crate::model_state::ModelState;
 use crate::noise::Walk;
 use crate::normal_equations::NormalEquations;
+use crate::null_products::{NullChannel, NullProducts, OfRuns, RUNS, null_channels};
 use crate::search::{set_penalty, sets};
 use crate::signature::reaches;
-use crate::signature_bank::{Column, HypothesisFamily, SignatureBank, Variation};
+use crate::signature_bank::{HypothesisFamily, SignatureBank, Variation};
 use crate::significance::FOUR_SIGMAS;
 use crate::sweep::{Swept, sweep};
 use crate::whiteness::{kurtosis, whiteness_statistic};
 use crate::whitening::NoiseModel;
 use geu_hypothesis::Hypothesis;
 
-/// Number of null recordings.
-pub const RUNS: usize = 128;
 /// Probability of a detection in a recording without effect: below one percent together with the other tests.
 pub const FALSE_ALARM_RATE: f64 = 1.0 / 400.0;
 /// Probability that the residual of a recording without effect, or with the right effects, is not accepted as noise. The residual of a
@@ -87,16 +86,13 @@ pub fn thresholds(
     let raw = |run: usize| draw(case, path, noise, seed.wrapping_add(run as u64));
     let raw: Vec<Series> = (0..RUNS).into_par_iter().map(raw).collect();
     let drawn: Vec<Series> = raw.par_iter().map(|raw| normal.projected_residual_of(raw)).collect();
-    // The runs of each block are contiguous.
-    let blocks = drawn[0][0].len();
-    let runs: [Vec<f32>; CHANNELS] = std::array::from_fn(|channel| {
-        (0..blocks).flat_map(|block| drawn.iter().map(move |series| series[channel][block] as f32)).collect()
-    });
+    let whiteness: Vec<f64> = drawn.iter().map(|left| whiteness_statistic(left).0).collect();
+    let channels = null_channels(normal, drawn);
     // Signatures with many time courses come first, so that the threads end at the same time.
     let mut bases: Vec<usize> = (0..bank.bases.len()).collect();
     bases.sort_by_key(|&base| Reverse(bank.variations(&bank.bases[base]).len()));
     let bases = bases.into_par_iter().with_max_len(1);
-    let largest = bases.map(|base| of_base(bank, base, normal, &runs)).reduce(
+    let largest = bases.map(|base| of_base(bank, base, normal, &channels)).reduce(
         || vec![[0.0; RUNS]; HypothesisFamily::COUNT],
         |mut one, other| {
             for (one, other) in one.iter_mut().flatten().zip(other.iter().flatten()) {
@@ -105,7 +101,6 @@ pub fn thresholds(
             one
         },
     );
-    let whiteness: Vec<f64> = drawn.iter().map(|left| whiteness_statistic(left).0).collect();
     let mut chi2 = limits(&largest);
     let falls = largest_walks(case, noise, &raw[..NOISE_RUNS]);
     chi2[HypothesisFamily::NOISE.0] = quantile(&falls, FALSE_ALARM_RATE).unwrap_or(0.0).max(MIN_NOISE_CHI2);
@@ -158,25 +153,16 @@ fn of_base(
     bank: &SignatureBank,
     base: usize,
     normal: &NormalEquations,
-    recordings: &[Vec<f32>; CHANNELS],
+    channels: &[NullChannel; CHANNELS],
 ) -> Vec<[f64; RUNS]> {
     let base = &bank.bases[base];
     let mut largest = vec![[0.0f64; RUNS]; HypothesisFamily::COUNT];
-    let products = |channel: usize, white: &Column| {
-        let mut sums = [0.0f32; RUNS];
-        for (value, runs) in white.values.iter().zip(recordings[channel].chunks_exact(RUNS).skip(white.from)) {
-            let value = *value as f32;
-            for (sum, run) in sums.iter_mut().zip(runs) {
-                *sum += value * run;
-            }
-        }
-        sums
-    };
-    let push = |variation: &Variation, swept: &Swept<[f32; RUNS]>| {
+    let products = NullProducts::new(bank, base, channels);
+    let push = |variation: &Variation, swept: &Swept<OfRuns>| {
         let family = &mut largest[base.family(variation).0];
         for gyros in sets(&base.amplitude, swept.reached()) {
             let Some(gain) = swept.gain(|channel| reaches(&base.amplitude, &gyros, channel)) else { continue };
-            let mut sums = [0.0f32; RUNS];
+            let mut sums: OfRuns = [0.0; RUNS];
             for own in (0..CHANNELS).filter(|&channel| reaches(&base.amplitude, &gyros, channel)) {
                 let own = swept.linear[own].iter().flatten();
                 sums.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
@@ -189,7 +175,8 @@ fn of_base(
             }
         }
     };
-    sweep(bank, normal, base, [true; CHANNELS], products, push);
+    let of = |channel: usize, variation: &_, white: &_| products.of(channel, variation, white);
+    sweep(bank, normal, base, [true; CHANNELS], of, push);
     largest
 }
 

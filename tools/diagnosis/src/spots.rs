@@ -173,6 +173,6 @@ pub fn spots(
             }
         }
     };
-    sweep(bank, normal, base, has, |_, _| (), push);
+    sweep(bank, normal, base, has, |_, _, _| (), push);
     best
 }

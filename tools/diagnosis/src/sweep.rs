@@ -132,13 +132,13 @@ impl<T: Linear> Swept<T> {
     }
 }
 
-/// Passes each time course of a signature on these channels to `push`. `linear` is evaluated for the whitened signature on a channel.
+/// Passes each time course of a signature on these channels to `push`. `linear` is evaluated for it and its whitened signature on a channel.
 pub fn sweep<T: Linear>(
     bank: &SignatureBank,
     normal: &NormalEquations,
     base: &ConstantSignature,
     has: [bool; CHANNELS],
-    linear: impl Fn(usize, &Column) -> T,
+    linear: impl Fn(usize, &Variation, &Column) -> T,
     mut push: impl FnMut(&Variation, &Swept<T>),
 ) {
     let mut source = Source::new(bank, normal, base, has, linear);
@@ -185,7 +185,7 @@ struct Source<'a, L> {
     new: CourseProducts,
 }
 
-impl<'a, T: Linear, L: Fn(usize, &Column) -> T> Source<'a, L> {
+impl<'a, T: Linear, L: Fn(usize, &Variation, &Column) -> T> Source<'a, L> {
     fn new(
         bank: &'a SignatureBank,
         normal: &'a NormalEquations,
@@ -232,7 +232,7 @@ impl<'a, T: Linear, L: Fn(usize, &Column) -> T> Source<'a, L> {
         });
         let linear = std::array::from_fn(|channel| {
             let white = white[channel].as_ref().filter(|_| self.has[channel])?;
-            Some((self.linear)(channel, white))
+            Some((self.linear)(channel, variation, white))
         });
         (Course { white, parts }, linear)
     }
