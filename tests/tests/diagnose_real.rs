@@ -304,6 +304,31 @@ fn three_effects_on_three_gyros_are_named() {
     }
 }
 
+/// They had a false second effect of the times, a name that the motion between slow rows refused, and a trend of the catalogue in place of a
+/// product with the time.
+#[test]
+#[ignore = "minutes; .ci/run has it"]
+fn an_effect_against_a_noisy_reference_is_named_alone() {
+    let effect = PlantedEffect::new;
+    let all = [Gyro::X, Gyro::Y, Gyro::Za, Gyro::Zb];
+    let ramp = effect("scale-factor-ramp", &[Gyro::Za], &[("ppm_per_day", -465.94)]);
+    let late = effect("time-offset-ramp", &all, &[("seconds_per_day", 6.5015e-2)]);
+    let lag = effect("sensor-lag-step", &[Gyro::X], &[("time_constant_s", 1.3604e-2), ("time_s", 3936.2)]);
+    let quaternions = |steps: usize, sigma_arcsec: f64| ReferenceKind::Quaternions { steps, sigma_arcsec };
+    for (seed, motion, reference, injected) in [
+        (9_757_030_681, MotionKind::QuietSurvey, quaternions(40, 5.0), &ramp),
+        (395, MotionKind::ClosedLoop, quaternions(400, 3.0), &late),
+        (396, MotionKind::RateTable, quaternions(400, 3.0), &lag),
+    ] {
+        let model = IndependentModel { motion, reference, ..IndependentModel::new(seed, vec![injected.clone()]) };
+        assert_named(&diagnosed(&model, as_recorded), injected);
+    }
+    let product = effect("product temperature*time", &[Gyro::Zb], &[("coefficient", -2.7366e-2)]);
+    let diagnosis = diagnosed(&IndependentModel::new(397, vec![product]), as_recorded);
+    let names: Vec<String> = missing(&diagnosis).map(report::heading).collect();
+    assert_eq!(names, ["GYRZB: discovered temperature*time"]);
+}
+
 /// Found one by one, the first was another one: two of the temperature itself with a lag, a ramp on three gyros beside a larger walk, a wave
 /// of the quadratic part.
 #[test]

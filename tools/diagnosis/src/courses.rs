@@ -96,7 +96,7 @@ impl Variation {
         COURSES[*kind].shapes.iter().position(|number| number.role == role).map(|index| shapes[index])
     }
 
-    /// What remains of it from one block to the next after its onset, all of a step; `None` for other forms.
+    /// Ratio of its values in two consecutive blocks after its onset, 1 for a step; `None` for other forms.
     pub fn decay(&self) -> Option<f64> {
         let onset_s = self.shape(Role::Onset).filter(|_| self.shape(Role::Duration).is_none());
         onset_s.map(|_| self.shape(Role::TimeConstant).map_or(1.0, |constant_s| (-BLOCK_S / constant_s).exp()))

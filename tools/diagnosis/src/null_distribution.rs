@@ -157,7 +157,7 @@ fn of_base(
 ) -> Vec<[f64; RUNS]> {
     let base = &bank.bases[base];
     let mut largest = vec![[0.0f64; RUNS]; HypothesisFamily::COUNT];
-    let products = NullProducts::new(bank, base, channels);
+    let recordings = NullProducts::new(bank, base, channels);
     let push = |variation: &Variation, swept: &Swept<OfRuns>| {
         let family = &mut largest[base.family(variation).0];
         for gyros in sets(&base.amplitude, swept.reached()) {
@@ -175,8 +175,8 @@ fn of_base(
             }
         }
     };
-    let of = |channel: usize, variation: &_, white: &_| products.of(channel, variation, white);
-    sweep(bank, normal, base, [true; CHANNELS], of, push);
+    let products = |channel: usize, variation: &_, white: &_| recordings.products(channel, variation, white);
+    sweep(bank, normal, base, [true; CHANNELS], products, push);
     largest
 }
 

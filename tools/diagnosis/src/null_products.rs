@@ -1,7 +1,7 @@
 //! Products of the time courses of one signature with the null recordings.
 //!
 //! Steps and courses that decay are sums from their onset to the end, each block with a constant factor to the one before: one pass from the
-//! end gives those of all onsets.
+//! end gives the sums of all onsets.
 
 use std::cmp::Reverse;
 use std::collections::HashMap;
@@ -80,7 +80,7 @@ impl<'a> NullProducts<'a> {
     }
 
     /// Products of a time course, whitened on a channel.
-    pub fn of(&self, channel: usize, variation: &Variation, white: &Column) -> OfRuns {
+    pub fn products(&self, channel: usize, variation: &Variation, white: &Column) -> OfRuns {
         let from = white.from;
         if let (Some(key), Some(values)) = (tail(variation), self.bank.values(self.base, variation)) {
             let (first, last) = values.split_at(values.len().min(key.1 - from));
@@ -115,7 +115,7 @@ fn tail(variation: &Variation) -> Option<(u64, usize)> {
     Some((variation.decay()?.to_bits(), variation.first_block() + 2))
 }
 
-/// Sums of the values times those of each recording.
+/// Sums of the values times the values of each recording.
 fn product(values: &[f64], recordings: &[OfRuns]) -> OfRuns {
     let mut sums = [0.0; RUNS];
     for (value, runs) in values.iter().zip(recordings) {

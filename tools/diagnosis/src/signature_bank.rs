@@ -75,7 +75,7 @@ impl ConstantSignature {
         self.is_linear || self.valid.contains(&(size / self.size))
     }
 
-    /// True for a dead zone: another value has another signature, so that of its time courses only those that switch it are searched.
+    /// True for a dead zone: another value has another signature, so that only time courses that switch it are searched.
     pub fn is_zone(&self) -> bool {
         self.amplitude.filters_motion() && !self.is_linear
     }

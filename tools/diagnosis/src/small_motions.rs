@@ -38,7 +38,7 @@ impl SignatureBank {
         self
     }
 
-    /// The signatures without those of dead zones up to a rate.
+    /// The signatures without dead zones up to a rate.
     #[must_use]
     pub fn without_zones_up_to(mut self, arcsec_per_s: f64) -> SignatureBank {
         self.unknown_rate_arcsec_per_s = arcsec_per_s;
