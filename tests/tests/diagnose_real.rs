@@ -304,8 +304,7 @@ fn three_effects_on_three_gyros_are_named() {
     }
 }
 
-/// They had a false second effect of the times, a name that the motion between slow rows refused, and a trend of the catalogue in place of a
-/// product with the time.
+/// A false second effect of the time stamps, and lags of which the motion between slow rows contains a part.
 #[test]
 #[ignore = "minutes; .ci/run has it"]
 fn an_effect_against_a_noisy_reference_is_named_alone() {
@@ -323,7 +322,12 @@ fn an_effect_against_a_noisy_reference_is_named_alone() {
         let model = IndependentModel { motion, reference, ..IndependentModel::new(seed, vec![injected.clone()]) };
         assert_named(&diagnosed(&model, as_recorded), injected);
     }
-    let product = effect("product temperature*time", &[Gyro::Zb], &[("coefficient", -2.7366e-2)]);
+}
+
+#[test]
+#[ignore = "minutes; .ci/run has it"]
+fn a_product_with_the_time_is_no_trend_of_the_catalogue() {
+    let product = PlantedEffect::new("product temperature*time", &[Gyro::Zb], &[("coefficient", -2.7366e-2)]);
     let diagnosis = diagnosed(&IndependentModel::new(397, vec![product]), as_recorded);
     let names: Vec<String> = missing(&diagnosis).map(report::heading).collect();
     assert_eq!(names, ["GYRZB: discovered temperature*time"]);

@@ -20,8 +20,7 @@ use geu_diagnosis::noise;
 use geu_diagnosis::normal_equations::{NormalEquations, Nuisance};
 use geu_diagnosis::null_distribution::Thresholds;
 use geu_diagnosis::outcome::{DiagnosedEffect, Diagnosis};
-use geu_diagnosis::rounding::Rounding;
-use geu_diagnosis::rounding::{CLOSED_LOOP, correlation_with_motion};
+use geu_diagnosis::rounding::{CLOSED_LOOP, Rounding, correlation_with_motion};
 use geu_diagnosis::signature::Signature;
 use geu_diagnosis::signature_bank::SignatureBank;
 use geu_diagnosis::small_motions::unknown_rate_arcsec_per_s;
@@ -147,9 +146,12 @@ impl TrialMotion {
     }
 
     /// False for a dead zone that a diagnosis does not search on this motion.
-    pub(super) fn judges(&self, hypothesis: &Hypothesis) -> bool {
+    pub(super) fn searches(&self, hypothesis: &Hypothesis) -> bool {
+        if !hypothesis.amplitude.filters_motion() {
+            return true;
+        }
         let answers_counts = correlation_with_motion(&self.measured, &self.from) > CLOSED_LOOP;
-        self.bank().judges(hypothesis, unknown_rate_arcsec_per_s(&self.measured, &self.nominal, answers_counts))
+        self.bank().searches(hypothesis, unknown_rate_arcsec_per_s(&self.measured, &self.nominal, answers_counts))
     }
 
     fn bank(&self) -> &SignatureBank {

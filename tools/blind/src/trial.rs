@@ -148,7 +148,7 @@ impl<'a> TrialGenerator<'a> {
         numbers.iter().map(|number| self.shape(number)).collect()
     }
 
-    /// Draws an amplitude of the catalogue, constant or with a time course, that a diagnosis of the motion judges.
+    /// Draws an amplitude of the catalogue, constant or with a time course, that a diagnosis of the motion searches.
     pub fn amplitude(&mut self, strength: f64) -> Option<InjectedEffect> {
         let constants = AmplitudeRef::all().into_iter().filter(is_real);
         let all: Vec<AmplitudeRef> = constants.flat_map(AmplitudeRef::with_courses).filter(stays_possible).collect();
@@ -167,11 +167,11 @@ impl<'a> TrialGenerator<'a> {
             let hypothesis = Hypothesis { amplitude, value: 0.0, own_shapes, course_shapes, gyros };
             let sign = if is_negative { -1.0 } else { 1.0 };
             let found = self.motion.scaled(hypothesis, Origin::Catalogue, sign, strength);
-            found.filter(|found| self.motion.judges(&found.hypothesis))
+            found.filter(|found| self.motion.searches(&found.hypothesis))
         })
     }
 
-    /// Draws amplitudes of the catalogue that do not share parameters and of which none compensates another.
+    /// Draws amplitudes of the catalogue that do not share parameters; no two compensate each other.
     pub fn amplitudes(&mut self, count: usize, strength: f64) -> Vec<InjectedEffect> {
         let mut injected: Vec<InjectedEffect> = Vec::new();
         for _ in 0..TRIES {

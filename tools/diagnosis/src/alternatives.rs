@@ -96,9 +96,9 @@ pub fn alternatives(
         let own = Signature::new(&normal, &case.signature(state, index));
         let is_near =
             |other: &&mut Alternative| other.delta_chi2 > AMBIGUITY_CHI2 && other.delta_chi2 < other.reach_chi2;
-        let (nonlinear, linear): (Vec<_>, Vec<_>) =
+        let (always, near): (Vec<_>, Vec<_>) =
             all.iter_mut().filter(is_near).partition(|other| other.reach_chi2 == f64::INFINITY);
-        let near = nonlinear.into_iter().chain(linear.into_iter().take(FITTED)).collect::<Vec<_>>();
+        let near = always.into_iter().chain(near.into_iter().take(FITTED)).collect::<Vec<_>>();
         near.into_par_iter().for_each(|other| {
             let is_same = other.hypothesis.amplitude.constant() == found.hypothesis.amplitude.constant();
             let fitted = |start: Hypothesis| -> Option<Alternative> {

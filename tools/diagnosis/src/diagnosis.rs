@@ -57,6 +57,7 @@ pub fn diagnose_rows(
     findings.extend(solution.is_closed_loop().then(|| closed_loop(solution.correlation)));
     findings.extend(measured.smoothed.as_deref().and_then(glitches));
     findings.extend(measured.reference_sigma.as_ref().and_then(ReferenceSigma::finding));
+    findings.extend(zones(solution.unknown_rate_arcsec_per_s));
     let angles = solution.needs_angles().then(|| solution.dequantised());
     let second = angles.as_ref().map(|angles| Solution::new(angles, nominal, options, false));
     let raw = raw.or_else(|| angles.is_some().then(|| measured.clone()));
@@ -239,6 +240,17 @@ fn closed_loop(correlation: f64) -> Finding {
             "the motion follows the rounding of the counts (correlation {correlation:.2}): signatures omit small motions"
         ),
     }
+}
+
+/// The finding of dead zones that are not searched.
+fn zones(up_to_arcsec_per_s: f64) -> Option<Finding> {
+    (up_to_arcsec_per_s > 0.0).then(|| Finding {
+        kind: "dead-zone-not-searched".to_owned(),
+        place: "the whole recording".to_owned(),
+        text: format!(
+            "dead zones up to {up_to_arcsec_per_s:.1} arcsec/s: the small motions come from the counts, or follow them"
+        ),
+    })
 }
 
 /// The finding of rows of the reference that are left out.

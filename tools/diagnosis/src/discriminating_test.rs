@@ -116,7 +116,12 @@ impl<'a> DiscriminatingTests<'a> {
         index: usize,
         alternatives: &[Alternative],
     ) -> Vec<Option<DiscriminatingTest>> {
-        let is_ambiguous = |alternative: &&Alternative| alternative.delta_chi2 < AMBIGUITY_CHI2;
+        // A planned motion has a time of its own, which moves time courses, but no formula.
+        let is_of_time = |hypothesis: &Hypothesis| hypothesis.amplitude.is_formula_of_time();
+        let is_found_of_time = is_of_time(&state.held[index].hypothesis);
+        let is_ambiguous = |alternative: &&Alternative| {
+            alternative.delta_chi2 < AMBIGUITY_CHI2 && !is_found_of_time && !is_of_time(&alternative.hypothesis)
+        };
         let ambiguous: Vec<&Alternative> = alternatives.iter().filter(is_ambiguous).collect();
         if ambiguous.is_empty() {
             return vec![None; alternatives.len()];

@@ -2,7 +2,7 @@
 //!
 //! A module uses only those named before it:
 //! - the data: `time_origin`, `measured`, `residual_stats`, `motion_segments`;
-//! - signatures: `courses`, `signature_bank`, `shape_search`;
+//! - signatures: `courses`, `signature_bank`, `small_motions`, `shape_search`;
 //! - statistics: `significance`, `linear_algebra`, `rounding`, `whitening`, `normal_equations`, `course_products`, `sweep`, `signature`, `linear_signatures`, `spots`, `recent`, `calibration_signatures`, `fitted_hypothesis`, `model_state`, `diagnosis_case` (a fit), `noise`, `whiteness`, `search`, `null_products`, `null_distribution`, `temperature_lag`;
 //! - the selection of hypotheses: `model_selection`, `solution`;
 //! - the report: `residual_map`, `alternatives`, `next_manoeuvre`, `outcome` (types only), `discriminating_test`, `entries`, `cross_validation`, `shares`, `unexplained`;

@@ -99,14 +99,16 @@ pub fn select_model(searches: &Searches, start: &ModelState, per_gyro: usize) ->
     let Searches { case, thresholds, .. } = *searches;
     let finished = |mut selected: SelectedModel| {
         selected.free_noise(case, thresholds);
-        selected.prune(case, thresholds);
+        if selected.prune(case, thresholds) {
+            selected.free_noise(case, thresholds);
+        }
         selected.settled(case, thresholds)
     };
     let grown = |selected: &SelectedModel, order| {
         let (mut selected, is_other) = grow(searches, selected.clone(), per_gyro, order);
         // A search that a limit ended is repeated without the limit, or explains nothing.
-        if !selected.is_cut {
-            selected = exchange(searches, selected);
+        if !selected.is_cut && exchange(searches, &mut selected) {
+            selected = grow(searches, selected, per_gyro, order).0;
         }
         // Walks are fitted again beside the effects.
         selected.reset_noise(case, &[true; TIMING]);
@@ -228,24 +230,25 @@ fn grow(searches: &Searches, mut now: SelectedModel, per_gyro: usize, order: Ord
     (now, is_other)
 }
 
-/// Replaces each of several hypotheses, and each two that are entangled, by a likelier one beside the others: an earlier one may have explained
-/// a part of a later one, and two may be one.
-fn exchange(searches: &Searches, mut now: SelectedModel) -> SelectedModel {
+/// Replaces each of several hypotheses, and each two that overlap, by a likelier one beside the others: an earlier one may have explained
+/// a part of a later one, and two may be one. Returns true if one was replaced.
+fn exchange(searches: &Searches, now: &mut SelectedModel) -> bool {
+    let mut is_other = false;
     // Each exchange lowers the score, so that none is repeated.
     loop {
         let single = (0..now.state.held.len()).filter(|_| now.state.held.len() > 1).map(|index| vec![index]);
-        let sets: Vec<Vec<usize>> = single.chain(now.entangled().map(Vec::from)).collect();
-        match sets.iter().find_map(|replaced| exchanged(searches, &now, replaced)) {
-            Some(likelier) => now = likelier,
-            None => return now,
-        }
+        let sets: Vec<Vec<usize>> = single.chain(now.overlapping_pairs().map(Vec::from)).collect();
+        let Some(likelier) = sets.iter().find_map(|replaced| exchanged(searches, now, replaced)) else {
+            return is_other;
+        };
+        (*now, is_other) = (likelier, true);
     }
 }
 
 /// Replaces the hypotheses with these indices by one, if that lowers the score by [`TWO_SIGMA_CHI2`].
 fn exchanged(searches: &Searches, now: &SelectedModel, replaced: &[usize]) -> Option<SelectedModel> {
     let Searches { case, thresholds, .. } = *searches;
-    let mut other = now.without_all(case, replaced);
+    let mut other = SelectedModel { rejected: None, ..now.without_all(case, replaced) };
     let candidates = searches.candidates(&other.state, &other.normal);
     let (_, place, state, normal) =
         best_fit(case, thresholds, &other.state, &other.normal, &candidates, passes_cross_validation)?;

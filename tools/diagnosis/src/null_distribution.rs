@@ -87,7 +87,8 @@ pub fn thresholds(
     let raw: Vec<Series> = (0..RUNS).into_par_iter().map(raw).collect();
     let drawn: Vec<Series> = raw.par_iter().map(|raw| normal.projected_residual_of(raw)).collect();
     let whiteness: Vec<f64> = drawn.iter().map(|left| whiteness_statistic(left).0).collect();
-    let channels = null_channels(normal, drawn);
+    let channels = null_channels(normal, &drawn);
+    drop(drawn);
     // Signatures with many time courses come first, so that the threads end at the same time.
     let mut bases: Vec<usize> = (0..bank.bases.len()).collect();
     bases.sort_by_key(|&base| Reverse(bank.variations(&bank.bases[base]).len()));

@@ -1,7 +1,7 @@
 //! Products of the time courses of one signature with the null recordings.
 //!
-//! Steps and courses that decay are sums from their onset to the end, each block with a constant factor to the one before: one pass from the
-//! end gives the sums of all onsets.
+//! Steps and courses that decay are sums from their onset to the end, in which the value of each block is that of the block before times a
+//! constant: one pass from the end gives the sums of all onsets.
 
 use std::cmp::Reverse;
 use std::collections::HashMap;
@@ -17,16 +17,16 @@ pub const RUNS: usize = 128;
 /// A value for each null recording.
 pub type OfRuns = [f32; RUNS];
 
-/// Null recordings on one channel, by block.
+/// Null recordings on one channel, by block, with zeros after the last one.
 pub struct NullChannel {
     /// Whitened, without their projections on the nuisances.
     white: Vec<OfRuns>,
-    /// Derivatives of the products by the increments of a signature: zeros after the last block, that block, and those before.
+    /// Derivatives of the products by the increments of a signature.
     derivatives: Vec<OfRuns>,
 }
 
 /// These recordings on each channel.
-pub fn null_channels(normal: &NormalEquations, drawn: Vec<Series>) -> [NullChannel; CHANNELS] {
+pub fn null_channels(normal: &NormalEquations, drawn: &[Series]) -> [NullChannel; CHANNELS] {
     let blocks = drawn[0][0].len();
     let by_block = |series: &dyn Fn(usize) -> Vec<f64>| {
         let mut all = vec![[0.0; RUNS]; blocks + 1];
@@ -35,11 +35,9 @@ pub fn null_channels(normal: &NormalEquations, drawn: Vec<Series>) -> [NullChann
         }
         all
     };
-    std::array::from_fn(|channel| {
-        let white = by_block(&|run| drawn[run][channel].clone());
-        let mut derivatives = by_block(&|run| normal.derivatives(channel, &drawn[run][channel]));
-        derivatives.reverse();
-        NullChannel { white, derivatives }
+    std::array::from_fn(|channel| NullChannel {
+        white: by_block(&|run| drawn[run][channel].clone()),
+        derivatives: by_block(&|run| normal.derivatives(channel, &drawn[run][channel])),
     })
 }
 
@@ -96,8 +94,7 @@ impl<'a> NullProducts<'a> {
     /// Adds the products of a course with this value in one block, to sums of later blocks times `decay`.
     fn add(&self, channel: usize, block: usize, value: f64, decay: f64, sums: &mut OfRuns) {
         let series = &self.base.series[channel];
-        let derivatives = &self.channels[channel].derivatives;
-        let [next, own] = [series.len() - block - 1, series.len() - block].map(|place| &derivatives[place]);
+        let [own, next] = [block, block + 1].map(|block| &self.channels[channel].derivatives[block]);
         // A level falls again in the next block.
         let (size, falls) = match self.base.mode {
             Mode::Rate => (series[block] - if block == 0 { 0.0 } else { series[block - 1] }, 0.0),
@@ -123,4 +120,74 @@ fn product(values: &[f64], recordings: &[OfRuns]) -> OfRuns {
         sums.iter_mut().zip(runs).for_each(|(sum, run)| *sum += value * run);
     }
     sums
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    use std::sync::Arc;
+
+    use geu_calibration::{AccumulatedCounts, BreakKind, Discontinuity};
+    use geu_model::Configuration;
+    use geu_model::attitude::{AttitudeRow, RecordedAttitude};
+    use geu_model::units::SAMPLE_INTERVAL_S;
+    use geu_recording::ReferenceAttitude;
+
+    use crate::diagnosis_case::DiagnosisCase;
+    use crate::measured::{MeasuredData, Shifts};
+    use crate::noise;
+
+    /// Half an hour of turns about all axes, with a lost sample.
+    fn measured(nominal: &Configuration) -> MeasuredData {
+        let row = |node: usize| AttitudeRow {
+            t_s: node as f64 * SAMPLE_INTERVAL_S,
+            angle_control_arcsec: [200, 310, 170].map(|nodes| if node / nodes % 2 == 0 { 3.0 } else { -50.0 }),
+            theta_psi_rad: Some((1.5, 0.0)),
+        };
+        let rows: Vec<AttitudeRow> = (0..=3600).map(row).collect();
+        let truth = Arc::new(RecordedAttitude::new(&rows).expect("a truth"));
+        let mut counts = AccumulatedCounts::starting_at(0);
+        (1..=3600).for_each(|node| counts.push(node as f64 * SAMPLE_INTERVAL_S, [0.0; 4], 20.0 + node as f64 * 1e-3));
+        counts.breaks = vec![Discontinuity { from: 1800, to: 1801, gyros: [true; 4], kind: BreakKind::Gap(1) }];
+        let reference = ReferenceAttitude { start_ns: 0, truth, sigma_arcsec: Vec::new(), time_system: None };
+        MeasuredData::new(counts, &reference, nominal).expect("long enough")
+    }
+
+    #[test]
+    fn sums_from_the_end_equal_the_products_of_whitened_courses() {
+        let nominal = Configuration::reference();
+        let measured = measured(&nominal);
+        let case = DiagnosisCase::new(&measured, &nominal);
+        let residual = measured.residual(&measured.run(&nominal, Shifts::default()));
+        let noise = noise::configured(&nominal, &measured, &case.rounding, &residual);
+        let normal = case.fit(&mut case.start(noise));
+        let bank = SignatureBank::new(&measured, &nominal);
+        let blocks = measured.block_count();
+        let drawn = |run: usize| -> Series {
+            std::array::from_fn(|channel| {
+                let value =
+                    |block: usize| ((run * 7919 + channel * 104_729 + block * block * 31) % 1009) as f64 - 504.0;
+                (0..blocks).map(value).collect()
+            })
+        };
+        let channels = null_channels(&normal, &(0..RUNS).map(drawn).collect::<Vec<_>>());
+        let mut compared = [0, 0];
+        for base in bank.bases.iter().filter(|base| base.is_linear) {
+            let products = NullProducts::new(&bank, base, &channels);
+            for variation in bank.variations(base).iter().filter(|variation| tail(variation).is_some()) {
+                for (channel, column) in bank.columns(base, variation).into_iter().enumerate() {
+                    let Some(Column { from, values }) = column else { continue };
+                    let values = case.whitenings(&noise)[channel].apply_from(from, &values);
+                    let expected = product(&values, &channels[channel].white[from..]);
+                    let size = values.iter().map(|value| value * value).sum::<f64>().sqrt() as f32 * 504.0;
+                    let found = products.products(channel, variation, &Column { from, values });
+                    let is_equal = |(one, other): (&f32, &f32)| (one - other).abs() <= 1e-3 * size;
+                    assert!(found.iter().zip(&expected).all(is_equal), "{:?} {variation:?}", base.amplitude);
+                    compared[usize::from(base.mode == Mode::Level)] += 1;
+                }
+            }
+        }
+        assert!(compared.iter().all(|count| *count > 100), "{compared:?}");
+    }
 }

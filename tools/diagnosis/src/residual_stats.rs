@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use serde::Serialize;
 
-use crate::measured::{BLOCK, MeasuredData, Series, TIMING};
+use crate::measured::{BLOCK, Block, MeasuredData, Series, TIMING};
 
 /// Samples of a window, 30 min.
 pub const WINDOW: usize = 3600;
@@ -60,18 +60,19 @@ pub fn squares(measured: &MeasuredData, model: &Series) -> [f64; TIMING] {
         return windowed(measured, residual(measured, model)).each_ref().map(|gyro| squares_of(gyro));
     }
     let averages = measured.residual(model);
-    std::array::from_fn(|gyro| {
-        let blocks = &measured.blocks[gyro];
-        let is_start = |block: usize| block.is_multiple_of(WINDOW / BLOCK) || blocks[block].restarts;
-        let about_mean = |range: Range<usize>| {
-            let compared =
-                || range.clone().filter(|&block| blocks[block].is_compared).map(|block| averages[gyro][block]);
-            let mean = compared().sum::<f64>() / compared().count().max(1) as f64;
-            compared().map(|value| BLOCK as f64 * (value - mean).powi(2)).sum::<f64>()
-        };
-        let starts: Vec<usize> = (0..blocks.len()).filter(|&block| is_start(block)).chain([blocks.len()]).collect();
-        starts.windows(2).map(|pair| about_mean(pair[0]..pair[1])).sum()
-    })
+    std::array::from_fn(|gyro| squares_about_means(&averages[gyro], &measured.blocks[gyro]))
+}
+
+/// Sum of the squares, in samples, of block averages about the mean of each window; a break starts another window.
+fn squares_about_means(averages: &[f64], blocks: &[Block]) -> f64 {
+    let is_start = |block: usize| block.is_multiple_of(WINDOW / BLOCK) || blocks[block].restarts;
+    let about_mean = |range: Range<usize>| {
+        let compared = || range.clone().filter(|&block| blocks[block].is_compared).map(|block| averages[block]);
+        let mean = compared().sum::<f64>() / compared().count().max(1) as f64;
+        compared().map(|value| BLOCK as f64 * (value - mean).powi(2)).sum::<f64>()
+    };
+    let starts: Vec<usize> = (0..blocks.len()).filter(|&block| is_start(block)).chain([blocks.len()]).collect();
+    starts.windows(2).map(|pair| about_mean(pair[0]..pair[1])).sum()
 }
 
 /// Sum of the squares of usable values.
@@ -137,6 +138,16 @@ mod tests {
         for node in [1, 5, 6, 17, 30] {
             assert!((at_node(&blocks, node) - node as f64).abs() < 1e-9, "{node}");
         }
+    }
+
+    #[test]
+    fn a_jump_at_a_break_and_blocks_without_rows_are_no_gap() {
+        let row = Block { is_good: true, is_compared: true, restarts: false };
+        let no_row = Block { is_compared: false, ..row };
+        let broken = Block { is_good: false, is_compared: false, restarts: true };
+        let blocks = [row, no_row, row, broken, row, row];
+        // About 2: 1 and 1; about 100: 2 and 2.
+        assert_eq!(squares_about_means(&[1.0, 50.0, 3.0, 0.0, 98.0, 102.0], &blocks), 10.0 * (1.0 + 1.0 + 4.0 + 4.0));
     }
 
     #[test]

@@ -36,8 +36,8 @@ pub struct Candidate {
     pub is_linear: bool,
     /// True if neighbouring values add much more or less in proportion.
     pub is_steep: bool,
-    /// Value up to which it is not judged.
-    pub unjudged: f64,
+    /// Value up to which it is not searched.
+    pub unsearched: f64,
 }
 
 impl Candidate {
@@ -50,7 +50,7 @@ impl Candidate {
             held_out: spot.signature(bank, normal).cross_validate(normal),
             is_linear: bank.bases[spot.base].is_linear,
             is_steep: bank.bases[spot.base].is_steep(),
-            unjudged: bank.unjudged(&bank.bases[spot.base]),
+            unsearched: bank.unsearched(&bank.bases[spot.base]),
             spot,
         }
     }

@@ -75,9 +75,9 @@ impl ConstantSignature {
         self.is_linear || self.valid.contains(&(size / self.size))
     }
 
-    /// True for a dead zone: another value has another signature, so that only time courses that switch it are searched.
+    /// True for a dead zone, which withholds rates: another value has another signature.
     pub fn is_zone(&self) -> bool {
-        self.amplitude.filters_motion() && !self.is_linear
+        self.amplitude.filters_motion() && !self.is_linear && self.amplitude.number().unit == "arcsec/s"
     }
 
     /// True if neighbouring values add much more or less in proportion: then a fit does not converge from there.
@@ -135,8 +135,8 @@ pub struct SignatureBank {
     pub bases: Vec<ConstantSignature>,
     courses: Courses,
     jump_blocks: usize,
-    /// Rate up to which dead zones are left out, arcsec/s.
-    pub(crate) unknown_rate_arcsec_per_s: f64,
+    /// Rate up to which dead zones are left out, arcsec/s, if they have no time courses but switches; `None` if all are signatures.
+    pub(crate) unknown_rate_arcsec_per_s: Option<f64>,
 }
 
 impl SignatureBank {
@@ -148,7 +148,7 @@ impl SignatureBank {
             bases: Vec::new(),
             courses: Courses::on(measured, configuration).with_grid(),
             jump_blocks,
-            unknown_rate_arcsec_per_s: 0.0,
+            unknown_rate_arcsec_per_s: None,
         };
         bank.bases = AmplitudeRef::all()
             .into_par_iter()
@@ -295,7 +295,8 @@ impl SignatureBank {
             number.role != Role::Width || number.default == DefaultValue::Value(*value)
         };
         let is_tried = base.has_courses && base.amplitude.own_shapes().iter().zip(&base.own_shapes).all(is_default);
-        let is_searched = |kind: &usize| base.amplitude.with(*kind).is_some() && (is_switch(*kind) || !base.is_zone());
+        let has_all = !base.is_zone() || self.unknown_rate_arcsec_per_s.is_none();
+        let is_searched = |kind: &usize| base.amplitude.with(*kind).is_some() && (has_all || is_switch(*kind));
         for kind in (0..COURSES.len()).filter(|kind| is_tried && is_searched(kind)) {
             all.extend(self.courses.variations(kind, base.mode));
         }

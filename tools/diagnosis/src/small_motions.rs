@@ -38,21 +38,22 @@ impl SignatureBank {
         self
     }
 
-    /// The signatures without dead zones up to a rate.
+    /// The signatures without dead zones up to a rate, and with time courses of others that switch them only: other courses pass through
+    /// values of which each has another signature.
     #[must_use]
     pub fn without_zones_up_to(mut self, arcsec_per_s: f64) -> SignatureBank {
-        self.unknown_rate_arcsec_per_s = arcsec_per_s;
+        self.unknown_rate_arcsec_per_s = Some(arcsec_per_s);
         self.bases.retain(|base| !base.is_zone() || base.size > arcsec_per_s);
         self
     }
 
-    /// Value up to which an amplitude is not judged.
-    pub fn unjudged(&self, base: &ConstantSignature) -> f64 {
-        if base.is_zone() { self.unknown_rate_arcsec_per_s } else { f64::NEG_INFINITY }
+    /// Value up to which an amplitude is not searched.
+    pub fn unsearched(&self, base: &ConstantSignature) -> f64 {
+        self.unknown_rate_arcsec_per_s.filter(|_| base.is_zone()).unwrap_or(f64::NEG_INFINITY)
     }
 
     /// False for a dead zone that is not searched, with zones up to a rate left out.
-    pub fn judges(&self, hypothesis: &Hypothesis, arcsec_per_s: f64) -> bool {
+    pub fn searches(&self, hypothesis: &Hypothesis, arcsec_per_s: f64) -> bool {
         let is_zone = |base: &ConstantSignature| base.amplitude == hypothesis.amplitude.constant() && base.is_zone();
         let is_searched = hypothesis.amplitude.kind.is_none_or(is_switch) && hypothesis.value > arcsec_per_s;
         is_searched || !self.bases.iter().any(is_zone)

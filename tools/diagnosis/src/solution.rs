@@ -54,6 +54,8 @@ pub struct Solution<'a> {
     pub bank: SignatureBank,
     pub thresholds: Thresholds,
     pub selected: SelectedModel,
+    /// Rate up to which dead zones are not searched, arcsec/s.
+    pub unknown_rate_arcsec_per_s: f64,
     /// Of the rounding with the motion.
     pub correlation: f64,
 }
@@ -84,13 +86,14 @@ impl<'a> Solution<'a> {
         case.linear = LinearSignatures::new(whole.linear());
         let contains_noise = !has_counts || is_loop;
         let catalogue = if contains_noise { whole.clone().without_small_motions(&path) } else { whole.clone() };
-        let catalogue = catalogue.without_zones_up_to(unknown_rate_arcsec_per_s(measured, nominal, contains_noise));
+        let unknown_rate_arcsec_per_s = unknown_rate_arcsec_per_s(measured, nominal, contains_noise);
+        let catalogue = catalogue.without_zones_up_to(unknown_rate_arcsec_per_s);
         let formulas = LazyCell::new(|| {
             let formulas = catalogue.formulas(measured, nominal);
             if contains_noise { formulas.without_small_motions(&path) } else { formulas }
         });
         let all = LazyCell::new(|| catalogue.and(&formulas));
-        let key = key(measured, &path, &noise, options.seed);
+        let key = key(measured, &path, &noise, contains_noise, options.seed);
         let thresholds = (options.known)(key).unwrap_or_else(|| {
             progress("thresholds");
             let found = thresholds(&case, &all, &path, &case.fit(&mut start.clone()), &noise, options.seed);
@@ -109,7 +112,8 @@ impl<'a> Solution<'a> {
             progress("formulas");
             let other = select_model(&of_all, &start, per_gyro);
             // A transient is as unlikely as a formula.
-            let margin = if effects.has_transient() { 0.0 } else { FORMULA_MARGIN };
+            let is_of_time = other.state.held.iter().any(|held| held.hypothesis.amplitude.is_formula_of_time());
+            let margin = if effects.has_transient() && !is_of_time { 0.0 } else { FORMULA_MARGIN };
             let is_better = other.requires_formula(&case)
                 && other.score(&case, &thresholds) + margin < effects.score(&case, &thresholds);
             if is_better { other } else { effects }
@@ -123,7 +127,7 @@ impl<'a> Solution<'a> {
         // What is no evidence is an alternative nevertheless.
         let bank = if needs_formulas { whole.and(&formulas) } else { whole };
         let correlation = correlation(&case.run(&selected.state));
-        Solution { case, start, bank, thresholds, selected, correlation }
+        Solution { case, start, bank, thresholds, selected, unknown_rate_arcsec_per_s, correlation }
     }
 
     pub fn is_closed_loop(&self) -> bool {
@@ -152,7 +156,7 @@ fn is_noise(selected: &SelectedModel, thresholds: &Thresholds) -> bool {
 }
 
 /// Key of thresholds: a hash of all that they depend on, i.e. search, motion, usable blocks and noise.
-fn key(measured: &MeasuredData, path: &Series, noise: &[NoiseModel; CHANNELS], seed: u64) -> u64 {
+fn key(measured: &MeasuredData, path: &Series, noise: &[NoiseModel; CHANNELS], contains_noise: bool, seed: u64) -> u64 {
     // FNV-1a.
     let mut hash = 0xcbf2_9ce4_8422_2325u64;
     let mut push = |bytes: &[u8]| {
@@ -162,6 +166,7 @@ fn key(measured: &MeasuredData, path: &Series, noise: &[NoiseModel; CHANNELS], s
     };
     let tenths = |value: f64| ((value * 10.0).round() as i64).to_le_bytes();
     push(SEARCH.as_bytes());
+    push(&[u8::from(contains_noise)]);
     push(&seed.to_le_bytes());
     AmplitudeRef::all().iter().for_each(|amplitude| push(amplitude.code().as_bytes()));
     measured.electronics_c().into_iter().for_each(|celsius| push(&tenths(celsius)));

@@ -87,6 +87,11 @@ impl AmplitudeRef {
         std::iter::once(self).chain((0..COURSES.len()).filter_map(move |kind| self.with(kind)))
     }
 
+    /// True for a formula that contains the time.
+    pub fn is_formula_of_time(&self) -> bool {
+        self.formula().is_some_and(|formula| formula.follows_time())
+    }
+
     /// The formula of a discovered term.
     pub fn formula(&self) -> Option<Formula> {
         match self.parameter {

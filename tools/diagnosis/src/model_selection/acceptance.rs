@@ -114,11 +114,11 @@ impl SelectedModel {
     /// Gyros with another effect beside a nonlinear effect that withholds motions, such as a dead zone: the withheld motion may be
     /// described by another calibration and further effects as well.
     pub fn beside_nonlinear_filter(&self, bank: &SignatureBank) -> Gyros {
-        let is_zone = |held: &FittedHypothesis| {
+        let is_nonlinear = |held: &FittedHypothesis| {
             let amplitude = held.hypothesis.amplitude.constant();
-            bank.bases.iter().any(|base| base.amplitude == amplitude && base.is_zone())
+            amplitude.filters_motion() && bank.bases.iter().any(|base| base.amplitude == amplitude && !base.is_linear)
         };
-        std::array::from_fn(|gyro| self.on(gyro).count() > 1 && self.on(gyro).any(|(_, held)| is_zone(held)))
+        std::array::from_fn(|gyro| self.on(gyro).count() > 1 && self.on(gyro).any(|(_, held)| is_nonlinear(held)))
     }
 
     /// Rejects a candidate: its score with the white noise fitted without it. Where angles are dequantised, the signatures of small motions
@@ -151,20 +151,20 @@ impl SelectedModel {
         (self, best)
     }
 
-    /// Removes each hypothesis whose χ² reduction beside all others is less than its penalty, or without which the score is lower with the
-    /// white noise fitted again: noise fitted beside it weights what it explains. With walks above their configured growth the penalty
-    /// is too low: then a hypothesis must also be better than a walk in its place.
-    pub fn prune(&mut self, case: &DiagnosisCase, thresholds: &Thresholds) {
+    /// Removes each hypothesis whose χ² reduction beside all others is less than its penalty, or without which the score is lower, each time
+    /// with the white noise fitted again: noise fitted beside a hypothesis weights what it explains. With walks above their configured
+    /// growth the penalty is too low: then a hypothesis must also be better than a walk in its place. Returns true if one was removed.
+    pub fn prune(&mut self, case: &DiagnosisCase, thresholds: &Thresholds) -> bool {
         let is_noisy = self.is_noisy(case.nominal);
-        loop {
-            let score = self.score(case, thresholds);
+        let count = self.state.held.len();
+        while !self.state.held.is_empty() {
+            let noise = self.fitted_white(case);
+            let score = self.score_with(case, thresholds, &noise);
             let without = |index: usize| {
-                let mut others = self.clone();
-                others.remove(index);
-                let (mut state, normal, chi2) = self.without(case, index);
+                let chi2 = self.chi2_fall(case, index);
+                let mut others = self.without_all(case, &[index]);
                 let hypothesis = &self.state.held[index].hypothesis;
-                let walk = if is_noisy { rate_walk_fall(case, &mut state, hypothesis) } else { 0.0 };
-                (others.state, others.normal) = (state, normal);
+                let walk = if is_noisy { rate_walk_fall(case, &mut others.state, hypothesis) } else { 0.0 };
                 let noise = others.fitted_white(case);
                 let margin = (chi2.fall - chi2.threshold).min(others.score_with(case, thresholds, &noise) - score);
                 (margin - walk, others)
@@ -175,5 +175,6 @@ impl SelectedModel {
                 _ => break,
             }
         }
+        self.state.held.len() < count
     }
 }

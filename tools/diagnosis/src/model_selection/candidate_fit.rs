@@ -104,8 +104,8 @@ pub(super) fn fitted(
     }
     let held = &tried.held[last];
     let fall = normal.squares() - tried_normal.squares() - penalty;
-    let is_judged = held.hypothesis.value > candidate.unjudged;
-    let is_accepted = fall > 0.0 && is_predicted(&held.held_out) && is_possible(held) && is_judged;
+    let is_searched = held.hypothesis.value > candidate.unsearched;
+    let is_accepted = fall > 0.0 && is_predicted(&held.held_out) && is_possible(held) && is_searched;
     is_accepted.then_some((fall, tried, tried_normal))
 }
 

@@ -44,7 +44,7 @@ pub(super) fn likeliest_pair(searches: &Searches, selected: &SelectedModel, per_
     };
     let in_place_of_one = (0..held.len()).filter(is_suspect).map(|index| (vec![index], gyros(index)));
     let both = |[one, other]: [usize; 2]| std::array::from_fn(|gyro| gyros(one)[gyro] || gyros(other)[gyro]);
-    let in_place_of_two = now.entangled().map(|two| (Vec::from(two), both(two)));
+    let in_place_of_two = now.overlapping_pairs().map(|two| (Vec::from(two), both(two)));
     let places = beside_all.into_iter().chain(in_place_of_one).chain(in_place_of_two);
     let places = places.filter(|(replaced, _)| held.len() + 2 - replaced.len() <= MAX_EFFECTS);
     let pairs = places.filter_map(|(replaced, gyros)| pair_in_place_of(searches, &now, &replaced, &gyros, per_gyro));

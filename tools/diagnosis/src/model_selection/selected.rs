@@ -154,7 +154,7 @@ impl SelectedModel {
     }
 
     /// Indices of each two hypotheses that act on a common gyro, or of which one acts on two or three: a cause acts on one or on all.
-    pub(super) fn entangled(&self) -> impl Iterator<Item = [usize; 2]> {
+    pub(super) fn overlapping_pairs(&self) -> impl Iterator<Item = [usize; 2]> {
         let held = &self.state.held;
         let pairs = (0..held.len()).flat_map(|one| (one + 1..held.len()).map(move |other| [one, other]));
         let is_set = |index: usize| is_set(&held[index].hypothesis.gyros);

@@ -94,6 +94,11 @@ impl Formula {
         if factors[0].is_none() { Err(NotAFormula::as_a_whole()) } else { Ok(Formula { factors }) }
     }
 
+    /// True if the time is one of the factors.
+    pub fn follows_time(&self) -> bool {
+        self.factors.iter().flatten().any(|factor| factor.regressor.name() == "time")
+    }
+
     /// Value for these values of the regressors.
     #[inline]
     pub fn value(&self, value: impl Fn(Regressor) -> f64) -> f64 {
