@@ -330,7 +330,7 @@ fn a_product_with_the_time_is_no_trend_of_the_catalogue() {
     let product = PlantedEffect::new("product temperature*time", &[Gyro::Zb], &[("coefficient", -2.7366e-2)]);
     let diagnosis = diagnosed(&IndependentModel::new(397, vec![product]), as_recorded);
     let names: Vec<String> = missing(&diagnosis).map(report::heading).collect();
-    assert_eq!(names, ["GYRZB: discovered temperature*time"]);
+    assert_eq!(names, ["GYRZB: discovered term temperature*time"]);
 }
 
 /// Found one by one, the first was another one: two of the temperature itself with a lag, a ramp on three gyros beside a larger walk, a wave

@@ -248,7 +248,7 @@ fn zones(up_to_arcsec_per_s: f64) -> Option<Finding> {
         kind: "dead-zone-not-searched".to_owned(),
         place: "the whole recording".to_owned(),
         text: format!(
-            "dead zones up to {up_to_arcsec_per_s:.1} arcsec/s: the small motions come from the counts, or follow them"
+            "dead zones up to {up_to_arcsec_per_s:.1} arcsec/s are not searched: small motions come from the counts or follow them"
         ),
     })
 }

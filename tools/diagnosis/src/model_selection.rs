@@ -24,6 +24,7 @@ use crate::recent::Recent;
 use crate::search::{Candidate, passes_cross_validation, search, separate_sets};
 use crate::signature_bank::SignatureBank;
 use crate::significance::{THREE_SIGMA_CHI2, TWO_SIGMA_CHI2};
+use geu_hypothesis::gyros::overlap;
 
 use acceptance::negligible;
 use candidate_fit::{HeldOut, best_fit};
@@ -184,8 +185,12 @@ fn grow(searches: &Searches, mut now: SelectedModel, per_gyro: usize, order: Ord
     let mut is_other = false;
     // The selection before a hypothesis that the thirds do not predict, and that hypothesis.
     let mut doubtful: Option<(SelectedModel, Candidate)> = None;
+    // Hypotheses beside the last one that are not acceptable: others are searched on the other gyros.
+    let mut rejected: Vec<Candidate> = Vec::new();
+    now.rejected = None;
     loop {
-        let candidates = searches.candidates(&now.state, &now.normal);
+        let mut candidates = searches.candidates(&now.state, &now.normal);
+        candidates.retain(|own| !rejected.iter().any(|other| overlap(&own.hypothesis.gyros, &other.hypothesis.gyros)));
         let (candidates, differs) = order.sorted(candidates, thresholds);
         is_other |= differs;
         let Some(first) = candidates.first() else { break };
@@ -208,10 +213,12 @@ fn grow(searches: &Searches, mut now: SelectedModel, per_gyro: usize, order: Ord
         let Some((_, place, state, normal)) = chosen else {
             now.steps.push(step);
             if is_real {
-                now.reject(case, &bank.late(now.state.shifts.temperature_s), thresholds, first);
+                rejected.push(first.clone());
+                continue;
             }
             break;
         };
+        rejected.clear();
         (step.kept, step.added) = (Some(state.held.len() - 1), Some(place));
         now.steps.push(step);
         (now.state, now.normal) = (state, normal);
@@ -224,9 +231,9 @@ fn grow(searches: &Searches, mut now: SelectedModel, per_gyro: usize, order: Ord
         && !now.is_cut
         && !now.is_predicted(case)
     {
-        now = before;
-        now.reject(case, &bank.late(now.state.shifts.temperature_s), thresholds, &first);
+        (now, rejected) = (before, vec![first]);
     }
+    rejected.iter().for_each(|own| now.reject(case, &bank.late(now.state.shifts.temperature_s), thresholds, own));
     (now, is_other)
 }
 

@@ -44,6 +44,8 @@ impl SignatureBank {
     pub fn without_zones_up_to(mut self, arcsec_per_s: f64) -> SignatureBank {
         self.unknown_rate_arcsec_per_s = Some(arcsec_per_s);
         self.bases.retain(|base| !base.is_zone() || base.size > arcsec_per_s);
+        // Other courses have other products.
+        self.bases.iter_mut().filter(|base| base.is_zone()).for_each(|base| base.products = Default::default());
         self
     }
 

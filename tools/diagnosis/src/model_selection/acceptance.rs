@@ -121,8 +121,9 @@ impl SelectedModel {
         std::array::from_fn(|gyro| self.on(gyro).count() > 1 && self.on(gyro).any(|(_, held)| is_nonlinear(held)))
     }
 
-    /// Rejects a candidate: its score with the white noise fitted without it. Where angles are dequantised, the signatures of small motions
-    /// contain the rounding that the motion answers, so that a candidate that is not acceptable is no evidence.
+    /// Rejects a candidate, beside those rejected on other gyros: the score with all of them, with the white noise fitted without. Where
+    /// angles are dequantised, the signatures of small motions contain the rounding that the motion answers, so that a candidate that is
+    /// not acceptable is no evidence.
     pub(super) fn reject(
         &mut self,
         case: &DiagnosisCase,
@@ -139,8 +140,12 @@ impl SelectedModel {
         let normal = NormalEquations::new(case.whitenings(&noise), &residual, &columns, &self.state.calibration);
         let gain = normal.gain(&candidate.spot.signature(bank, &normal).products).map_or(0.0, |gain| gain.chi2);
         let margin = gain - thresholds.penalty(candidate.family, &candidate.hypothesis);
-        let score = self.score_with(case, thresholds, &noise) - margin;
-        self.rejected = Some(RejectedHypothesis { gyros: candidate.hypothesis.gyros, score });
+        let before = self.rejected.unwrap_or_else(|| RejectedHypothesis {
+            gyros: [false; TIMING],
+            score: self.score_with(case, thresholds, &noise),
+        });
+        let gyros = std::array::from_fn(|gyro| before.gyros[gyro] || candidate.hypothesis.gyros[gyro]);
+        self.rejected = Some(RejectedHypothesis { gyros, score: before.score - margin });
     }
 
     /// The score, and the rejected hypothesis only if it has a better one: walks may explain the same.

@@ -46,11 +46,11 @@ impl IdentifiedNoise {
     }
 }
 
-/// The best hypothesis of the search, if it is not possible or the model run does not confirm it.
+/// The best hypotheses of the search on gyros of their own, if they are not possible or the model run does not confirm them.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RejectedHypothesis {
     pub(super) gyros: Gyros,
-    /// The score with it.
+    /// The score with them.
     pub(super) score: f64,
 }
 
@@ -78,7 +78,7 @@ pub struct SelectedModel {
     pub noise: Vec<IdentifiedNoise>,
     /// True if a limit on the number of effects, on one gyro or in all, ended the search or a less likely one.
     pub is_cut: bool,
-    /// The rejected hypothesis at the end of the search.
+    /// The rejected hypotheses at the end of the search.
     pub(super) rejected: Option<RejectedHypothesis>,
 }
 
