@@ -185,7 +185,7 @@ fn grow(searches: &Searches, mut now: SelectedModel, per_gyro: usize, order: Ord
     let mut is_other = false;
     // The selection before a hypothesis that the thirds do not predict, and that hypothesis.
     let mut doubtful: Option<(SelectedModel, Candidate)> = None;
-    // Hypotheses beside the last one that are not acceptable: others are searched on the other gyros.
+    // Hypotheses that are not acceptable beside the state; the search continues on the other gyros.
     let mut rejected: Vec<Candidate> = Vec::new();
     now.rejected = None;
     loop {

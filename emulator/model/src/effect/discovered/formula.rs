@@ -94,7 +94,7 @@ impl Formula {
         if factors[0].is_none() { Err(NotAFormula::as_a_whole()) } else { Ok(Formula { factors }) }
     }
 
-    /// True if the time is one of the factors.
+    /// True if a factor is the time.
     pub fn follows_time(&self) -> bool {
         self.factors.iter().flatten().any(|factor| factor.regressor.name() == "time")
     }
