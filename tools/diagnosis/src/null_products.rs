@@ -142,7 +142,8 @@ mod tests {
     fn measured(nominal: &Configuration) -> MeasuredData {
         let row = |node: usize| AttitudeRow {
             t_s: node as f64 * SAMPLE_INTERVAL_S,
-            angle_control_arcsec: [200, 310, 170].map(|nodes| if node / nodes % 2 == 0 { 3.0 } else { -50.0 }),
+            angle_control_arcsec: [200, 310, 170]
+                .map(|nodes| if (node / nodes).is_multiple_of(2) { 3.0 } else { -50.0 }),
             theta_psi_rad: Some((1.5, 0.0)),
         };
         let rows: Vec<AttitudeRow> = (0..=3600).map(row).collect();
