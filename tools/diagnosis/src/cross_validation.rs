@@ -31,10 +31,14 @@ pub fn fitted(
     model: &Series,
     state: &ModelState,
 ) -> ResidualStats {
+    let reduced_chi2 = reduced_chi2(case, model, state);
+    ResidualStats { reduced_chi2, ..ResidualStats::from_windowed(windowed) }
+}
+
+/// χ² of a model's whitened residual over its degrees of freedom, by the noise of `state`.
+pub fn reduced_chi2(case: &DiagnosisCase, model: &Series, state: &ModelState) -> f64 {
     let white = NormalEquations::new(case.whitenings(&state.noise), &case.measured.residual(model), &[], &[]);
-    let reduced_chi2 = squares(white.residual[..TIMING].iter().flatten()) / count(&white);
-    let squares = residual_stats::squares(case.measured, model).iter().sum();
-    ResidualStats { reduced_chi2, squares, ..ResidualStats::from_windowed(windowed) }
+    squares(white.residual[..TIMING].iter().flatten()) / count(&white)
 }
 
 /// Statistics of each third's residual with all fitted parameters from the other two.

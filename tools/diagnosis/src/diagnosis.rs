@@ -7,7 +7,7 @@ use geu_calibration::window::ManoeuvreWindow;
 use geu_model::Configuration;
 use geu_recording::{Defect, ReceivedSample, ReferenceAttitude, Sink};
 
-use crate::cross_validation::{fitted, held_out};
+use crate::cross_validation::{fitted, held_out, reduced_chi2};
 use crate::diagnosis_case::DiagnosisCase;
 use crate::entries::Entries;
 use crate::measured::{MeasuredData, MeasuredError, ReferenceSigma, Series, Shifts, SmoothedReference, TIMING};
@@ -17,9 +17,9 @@ use crate::motion_segments;
 use crate::noise;
 use crate::null_distribution::kurtosis_limits;
 use crate::outcome::{Class, DiagnosedEffect, Diagnosis, Gaps, Verdict};
-use crate::report::admission::{self, refuse};
+use crate::report::admission::{self, Gap, refuse};
 use crate::residual_map::residual_maps;
-use crate::residual_stats::{ResidualStats, residual, windowed};
+use crate::residual_stats::{self, residual, windowed};
 use crate::shares::Shares;
 use crate::solution::{DiagnosisOptions, Solution};
 use crate::unexplained::unexplained;
@@ -132,7 +132,7 @@ impl Report<'_> {
             configuration: &configuration,
             faults: self.entries.faults,
         }
-        .set(&mut entries, before.fitted.squares);
+        .set(&mut entries, residual_stats::squares(raw, &given).iter().sum());
         let segments = match self.manoeuvres {
             Some(windows) => motion_segments::listed(measured, windows),
             None => motion_segments::cut(measured),
@@ -195,14 +195,15 @@ impl Report<'_> {
         (gyros, selected.normal.projected_residual())
     }
 
-    /// Statistics of the residual with these entries in the configuration, χ² by the noise as configured.
-    fn gap_with<'e>(&self, entries: impl IntoIterator<Item = &'e DiagnosedEffect>, shifts: Shifts) -> ResidualStats {
+    /// Gap with these entries in the configuration.
+    fn gap_with<'e>(&self, entries: impl IntoIterator<Item = &'e DiagnosedEffect>, shifts: Shifts) -> Gap {
         let case = self.entries.case;
         let mut configuration = case.nominal.clone();
         let corrections = entries.into_iter().flat_map(|entry| &entry.corrections);
         corrections.for_each(|correction| correction.apply(&mut configuration));
         let model = case.measured.run(&configuration, shifts);
-        fitted(case, &windowed(case.measured, residual(case.measured, &model)), &model, self.start)
+        let squares = residual_stats::squares(case.measured, &model).iter().sum();
+        Gap { squares, reduced_chi2: reduced_chi2(case, &model, self.start) }
     }
 
     /// Removes the new calibration of a gyro if it makes gap and χ² larger beside all other entries: a drift at the start that a larger

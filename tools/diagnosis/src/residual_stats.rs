@@ -21,13 +21,10 @@ pub struct ResidualStats {
     pub after_30min_arcsec: f64,
     /// χ² of the whitened residual over its degrees of freedom.
     pub reduced_chi2: f64,
-    /// Squared gap of all gyros, arcsec²: [`squares`].
-    #[serde(skip)]
-    pub squares: f64,
 }
 
 impl ResidualStats {
-    /// Statistics of a windowed residual; `reduced_chi2` and `squares` are 0.
+    /// Statistics of a windowed residual; `reduced_chi2` is 0.
     pub fn from_windowed(windowed: &[Vec<f64>; TIMING]) -> ResidualStats {
         let (mut squares, mut count, mut max) = (0.0, 0usize, 0.0f64);
         let (mut end_squares, mut ends) = (0.0, 0usize);
@@ -48,7 +45,6 @@ impl ResidualStats {
             max_arcsec: max,
             after_30min_arcsec: rms(end_squares, ends),
             reduced_chi2: 0.0,
-            squares: 0.0,
         }
     }
 }

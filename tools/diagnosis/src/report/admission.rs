@@ -1,12 +1,20 @@
 //! Rules that every stated entry meets, whatever search and selection did.
 
 use crate::outcome::{Class, DiagnosedEffect};
-use crate::residual_stats::ResidualStats;
 use geu_checks::Finding;
 use geu_hypothesis::gyros::{Gyros, is_within, names};
 
 /// Entries that are not stated, each with the reason.
 pub type Refused = Vec<(DiagnosedEffect, &'static str)>;
+
+/// Gap between model and measurement.
+#[derive(Debug, Clone, Copy)]
+pub struct Gap {
+    /// Squared gap of all gyros, counts² times samples.
+    pub squares: f64,
+    /// χ² of the whitened residual over its degrees of freedom, by the noise as configured.
+    pub reduced_chi2: f64,
+}
 
 /// Growth of the squared gap by one entry that refuses it whatever χ² does, as a share of the gap as configured: the residual of a true
 /// effect with a well-determined amplitude grows by its own error only.
@@ -21,7 +29,7 @@ const EQUAL: f64 = 0.01;
 pub fn refuse(
     entries: &mut Vec<DiagnosedEffect>,
     unexplained: &mut Gyros,
-    gap: impl Fn(&[&DiagnosedEffect]) -> ResidualStats,
+    gap: impl Fn(&[&DiagnosedEffect]) -> Gap,
 ) -> Refused {
     let mut refused = Refused::new();
     while let Some((index, reason)) = first_refused(entries, unexplained, &gap) {
@@ -37,7 +45,7 @@ pub fn refuse(
 fn first_refused(
     entries: &[DiagnosedEffect],
     unexplained: &Gyros,
-    gap: &impl Fn(&[&DiagnosedEffect]) -> ResidualStats,
+    gap: &impl Fn(&[&DiagnosedEffect]) -> Gap,
 ) -> Option<(usize, &'static str)> {
     let of = |reason, is_refused: &dyn Fn(&DiagnosedEffect) -> bool| {
         entries.iter().position(is_refused).map(|index| (index, reason))
@@ -88,7 +96,7 @@ mod tests {
     fn refused(mut entries: Vec<DiagnosedEffect>, mut unexplained: Gyros) -> (Vec<String>, Gyros, Vec<String>) {
         let gap = |entries: &[&DiagnosedEffect]| {
             let harm = entries.iter().filter(|entry| entry.code == "harmful").count() as f64;
-            ResidualStats { squares: 10.0 + harm, reduced_chi2: 1.0 + harm, ..ResidualStats::default() }
+            Gap { squares: 10.0 + harm, reduced_chi2: 1.0 + harm }
         };
         let refused = refuse(&mut entries, &mut unexplained, gap);
         let codes = entries.into_iter().map(|entry| entry.code).collect();
