@@ -144,16 +144,19 @@ impl KeptProducts {
 
 /// Derivatives by the values of a time course, from those by the increments of the signature with it.
 fn factors(series: &[f64], mode: Mode, derivatives: &[f64]) -> Vec<f64> {
+    let later = derivatives[1..].iter().chain(&[0.0]);
+    let of_block = |(block, (own, later)): (usize, (&f64, &f64))| {
+        let (size, falls) = of_value(series, mode, block);
+        size * (own - falls * later)
+    };
+    derivatives.iter().zip(later).enumerate().map(of_block).collect()
+}
+
+/// Increment of a signature in a block by the value of its time course there, and the share of it that falls again in the next block: a
+/// level does, a rate remains.
+pub fn of_value(series: &[f64], mode: Mode, block: usize) -> (f64, f64) {
     match mode {
-        Mode::Rate => {
-            let mut before = 0.0;
-            let increments = series.iter().map(|value| value - std::mem::replace(&mut before, *value));
-            increments.zip(derivatives).map(|(increment, derivative)| increment * derivative).collect()
-        }
-        Mode::Level => {
-            let later = derivatives[1..].iter().chain(&[0.0]);
-            let by_value = derivatives.iter().zip(later).map(|(own, later)| own - later);
-            series.iter().zip(by_value).map(|(value, derivative)| value * derivative).collect()
-        }
+        Mode::Rate => (series[block] - if block == 0 { 0.0 } else { series[block - 1] }, 0.0),
+        Mode::Level => (series[block], 1.0),
     }
 }
