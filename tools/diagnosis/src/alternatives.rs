@@ -98,8 +98,8 @@ pub fn alternatives(
             |other: &&mut Alternative| other.delta_chi2 > AMBIGUITY_CHI2 && other.delta_chi2 < other.reach_chi2;
         let (always, near): (Vec<_>, Vec<_>) =
             all.iter_mut().filter(is_near).partition(|other| other.reach_chi2 == f64::INFINITY);
-        let near = always.into_iter().chain(near.into_iter().take(FITTED)).collect::<Vec<_>>();
-        near.into_par_iter().for_each(|other| {
+        let tried = always.into_iter().chain(near.into_iter().take(FITTED)).collect::<Vec<_>>();
+        tried.into_par_iter().for_each(|other| {
             let is_same = other.hypothesis.amplitude.constant() == found.hypothesis.amplitude.constant();
             let fitted = |start: Hypothesis| -> Option<Alternative> {
                 // With the same shape parameters fitted.
@@ -115,8 +115,8 @@ pub fn alternatives(
                 let is_possible = chi2.is_finite() && hypothesis.is_within_limits();
                 is_possible.then(|| Alternative { hypothesis, delta_chi2, cosine, ..other.clone() })
             };
-            let started = with_its_onset(&found.hypothesis, &other.hypothesis, case.measured.duration_s());
-            let started = started.filter(|_| is_same);
+            let duration_s = case.measured.duration_s();
+            let started = is_same.then(|| with_its_onset(&found.hypothesis, &other.hypothesis, duration_s)).flatten();
             let starts = [Some(other.hypothesis.clone()), started].into_iter().flatten();
             if let Some(best) = starts.filter_map(fitted).min_by(|one, two| one.delta_chi2.total_cmp(&two.delta_chi2))
                 && best.delta_chi2 < other.delta_chi2

@@ -81,11 +81,11 @@ pub fn shape_penalty(hypothesis: &Hypothesis) -> f64 {
 /// Penalty of a set of two or three gyros beside one gyro or all of them: there are ten, together a tenth as likely, since a cause acts on
 /// one gyro or on all.
 pub fn set_penalty(gyros: &Gyros, amplitude: &AmplitudeRef) -> f64 {
-    if !amplitude.is_of_unit() && is_set(gyros) { 2.0 * 100f64.ln() } else { 0.0 }
+    if !amplitude.is_of_unit() && is_two_or_three(gyros) { 2.0 * 100f64.ln() } else { 0.0 }
 }
 
-/// True for two or three gyros.
-pub fn is_set(gyros: &Gyros) -> bool {
+/// True for two or three gyros, neither one nor all.
+pub fn is_two_or_three(gyros: &Gyros) -> bool {
     (2..TIMING).contains(&gyros.iter().filter(|has| **has).count())
 }
 

@@ -62,7 +62,7 @@ impl SignatureBank {
     }
 }
 
-/// Rate up to which a dead zone is not judged, arcsec/s: that of small motions if these answer the counts or are taken from them. Such a zone
+/// Rate up to which a dead zone is not searched, arcsec/s: that of small motions if these answer the counts or are taken from them. Such a zone
 /// withholds the noise of the gyros, and explains it.
 pub fn unknown_rate_arcsec_per_s(measured: &MeasuredData, nominal: &Configuration, answers_counts: bool) -> f64 {
     let scale_factors = nominal.gyros.each_ref().map(|gyro| gyro.calibration.scale_factor);

@@ -11,7 +11,7 @@ use crate::noise::{FittedNoise, Walk};
 use crate::normal_equations::NormalEquations;
 use crate::null_distribution::Thresholds;
 use crate::outcome::{Chi2Fall, Correction, DiagnosedEffect};
-use crate::search::{Candidate, is_set, shape_penalty};
+use crate::search::{Candidate, is_two_or_three, shape_penalty};
 use crate::temperature_lag::lag_chi2;
 use crate::whitening::NoiseModel;
 use geu_hypothesis::gyros::{Gyros, is_within, overlap};
@@ -157,9 +157,9 @@ impl SelectedModel {
     pub(super) fn overlapping_pairs(&self) -> impl Iterator<Item = [usize; 2]> {
         let held = &self.state.held;
         let pairs = (0..held.len()).flat_map(|one| (one + 1..held.len()).map(move |other| [one, other]));
-        let is_set = |index: usize| is_set(&held[index].hypothesis.gyros);
+        let is_part = |index: usize| is_two_or_three(&held[index].hypothesis.gyros);
         let overlaps = |one: usize, other: usize| overlap(&held[one].hypothesis.gyros, &held[other].hypothesis.gyros);
-        pairs.filter(move |&[one, other]| overlaps(one, other) || is_set(one) || is_set(other))
+        pairs.filter(move |&[one, other]| overlaps(one, other) || is_part(one) || is_part(other))
     }
 
     /// Removes a hypothesis from the state and from the steps.
