@@ -324,6 +324,17 @@ fn an_effect_against_a_noisy_reference_is_named_alone() {
     }
 }
 
+/// Rates every 20 s lose the motion between; a larger walk that remains on one gyro is below its threshold.
+#[test]
+#[ignore = "minutes; .ci/run has it"]
+fn sparse_rates_yield_no_name() {
+    let sparse = |row: usize, text: &str| (row % 40 == 1).then(|| text.to_owned());
+    let diagnosis = diagnosed(&IndependentModel::new(398, Vec::new()), sparse);
+    assert_eq!((diagnosis.verdict, missing(&diagnosis).count()), (Verdict::Unexplained, 0));
+    let is_above = |entry: &DiagnosedEffect| entry.chi2.is_none_or(|chi2| chi2.fall >= chi2.threshold);
+    assert!(diagnosis.entries.iter().all(is_above));
+}
+
 #[test]
 #[ignore = "minutes; .ci/run has it"]
 fn a_product_with_the_time_is_no_trend_of_the_catalogue() {

@@ -17,7 +17,7 @@ use crate::motion_segments;
 use crate::noise;
 use crate::null_distribution::kurtosis_limits;
 use crate::outcome::{Class, DiagnosedEffect, Diagnosis, Gaps, Verdict};
-use crate::report::admission::{self, Gap, refuse};
+use crate::report::admission::{self, SquaredGap, refuse};
 use crate::residual_map::residual_maps;
 use crate::residual_stats::{self, residual, windowed};
 use crate::shares::Shares;
@@ -196,14 +196,14 @@ impl Report<'_> {
     }
 
     /// Gap with these entries in the configuration.
-    fn gap_with<'e>(&self, entries: impl IntoIterator<Item = &'e DiagnosedEffect>, shifts: Shifts) -> Gap {
+    fn gap_with<'e>(&self, entries: impl IntoIterator<Item = &'e DiagnosedEffect>, shifts: Shifts) -> SquaredGap {
         let case = self.entries.case;
         let mut configuration = case.nominal.clone();
         let corrections = entries.into_iter().flat_map(|entry| &entry.corrections);
         corrections.for_each(|correction| correction.apply(&mut configuration));
         let model = case.measured.run(&configuration, shifts);
         let squares = residual_stats::squares(case.measured, &model).iter().sum();
-        Gap { squares, reduced_chi2: reduced_chi2(case, &model, self.start) }
+        SquaredGap { squares, reduced_chi2: reduced_chi2(case, &model, self.start) }
     }
 
     /// Removes the new calibration of a gyro if it makes gap and χ² larger beside all other entries: a drift at the start that a larger

@@ -136,7 +136,7 @@ impl Entries<'_> {
             chi2: Some(Chi2Fall { fall: *fall, threshold }),
             ..effect(hypothesis, &[hypothesis.value * sigma])
         };
-        // Beside larger ones a walk pays less than its threshold; without them it is not stated.
+        // A further walk is accepted below its threshold; alone it is not stated.
         let stated = all.iter().filter(|(_, _, fall)| *fall >= threshold);
         let mut entries: Vec<DiagnosedEffect> = stated.map(of).collect();
         if !entries.is_empty() {

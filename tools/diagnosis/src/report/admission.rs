@@ -9,7 +9,7 @@ pub type Refused = Vec<(DiagnosedEffect, &'static str)>;
 
 /// Gap between model and measurement.
 #[derive(Debug, Clone, Copy)]
-pub struct Gap {
+pub struct SquaredGap {
     /// Squared gap of all gyros, counts² times samples.
     pub squares: f64,
     /// χ² of the whitened residual over its degrees of freedom, by the noise as configured.
@@ -29,7 +29,7 @@ const EQUAL: f64 = 0.01;
 pub fn refuse(
     entries: &mut Vec<DiagnosedEffect>,
     unexplained: &mut Gyros,
-    gap: impl Fn(&[&DiagnosedEffect]) -> Gap,
+    gap: impl Fn(&[&DiagnosedEffect]) -> SquaredGap,
 ) -> Refused {
     let mut refused = Refused::new();
     while let Some((index, reason)) = first_refused(entries, unexplained, &gap) {
@@ -45,7 +45,7 @@ pub fn refuse(
 fn first_refused(
     entries: &[DiagnosedEffect],
     unexplained: &Gyros,
-    gap: &impl Fn(&[&DiagnosedEffect]) -> Gap,
+    gap: &impl Fn(&[&DiagnosedEffect]) -> SquaredGap,
 ) -> Option<(usize, &'static str)> {
     let of = |reason, is_refused: &dyn Fn(&DiagnosedEffect) -> bool| {
         entries.iter().position(is_refused).map(|index| (index, reason))
@@ -96,7 +96,7 @@ mod tests {
     fn refused(mut entries: Vec<DiagnosedEffect>, mut unexplained: Gyros) -> (Vec<String>, Gyros, Vec<String>) {
         let gap = |entries: &[&DiagnosedEffect]| {
             let harm = entries.iter().filter(|entry| entry.code == "harmful").count() as f64;
-            Gap { squares: 10.0 + harm, reduced_chi2: 1.0 + harm }
+            SquaredGap { squares: 10.0 + harm, reduced_chi2: 1.0 + harm }
         };
         let refused = refuse(&mut entries, &mut unexplained, gap);
         let codes = entries.into_iter().map(|entry| entry.code).collect();
