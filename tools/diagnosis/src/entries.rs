@@ -136,9 +136,9 @@ impl Entries<'_> {
             chi2: Some(Chi2Fall { fall: *fall, threshold }),
             ..effect(hypothesis, &[hypothesis.value * sigma])
         };
+        let mut entries: Vec<DiagnosedEffect> = all.iter().map(of).collect();
         // A further walk is accepted below its threshold; alone it is not stated.
-        let stated = all.iter().filter(|(_, _, fall)| *fall >= threshold);
-        let mut entries: Vec<DiagnosedEffect> = stated.map(of).collect();
+        entries.retain(|entry| !entry.is_below_threshold());
         if !entries.is_empty() {
             self.noise_alternatives(selected, &mut entries);
         }

@@ -202,6 +202,11 @@ pub struct DiagnosedEffect {
 }
 
 impl DiagnosedEffect {
+    /// True if χ² falls by less than its own threshold.
+    pub fn is_below_threshold(&self) -> bool {
+        self.chi2.is_some_and(|chi2| chi2.fall.is_nan() || chi2.fall < chi2.threshold)
+    }
+
     /// Assignments for [`Configuration::edited`] that write it to the text of `configuration`, which contains it.
     pub fn assignments(&self, configuration: &Configuration) -> Vec<String> {
         self.corrections.iter().flat_map(|correction| correction.assignments(configuration)).collect()

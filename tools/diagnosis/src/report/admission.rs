@@ -50,11 +50,9 @@ fn first_refused(
     let of = |reason, is_refused: &dyn Fn(&DiagnosedEffect) -> bool| {
         entries.iter().position(is_refused).map(|index| (index, reason))
     };
-    let is_below =
-        |entry: &DiagnosedEffect| entry.chi2.is_some_and(|chi2| chi2.fall.is_nan() || chi2.fall < chi2.threshold);
     let is_of_unexplained =
         |entry: &DiagnosedEffect| entry.class == Class::Recalibration && is_within(&entry.gyros, unexplained);
-    of("its fall of chi2 is below its own threshold", &is_below)
+    of("its fall of chi2 is below its own threshold", &DiagnosedEffect::is_below_threshold)
         .or_else(|| of("what moves the calibration of an unexplained gyro is not known", &is_of_unexplained))
         .or_else(|| {
             let all: Vec<&DiagnosedEffect> = entries.iter().collect();
