@@ -14,9 +14,6 @@ use crate::model_state::ModelState;
 use crate::outcome::{Chi2Fall, Class, Correction, DiagnosedEffect};
 use crate::residual_stats;
 
-/// Squared residuals of the gyros.
-type Squares = [f64; TIMING];
-
 /// Inputs of the shares.
 pub struct Shares<'a> {
     /// Recording and input configuration.
@@ -54,7 +51,7 @@ impl Shares<'_> {
     }
 
     /// The reduction by the corrected rows is divided among the wiring faults in proportion to their own.
-    fn set_faults(&self, entries: &mut [DiagnosedEffect], corrected: &Squares, whole: f64) {
+    fn set_faults(&self, entries: &mut [DiagnosedEffect], corrected: &[f64; TIMING], whole: f64) {
         let reduction = |fault: &WiringFault| {
             (fault.without_rms_counts.powi(2) - fault.with_rms_counts.powi(2)) * fault.samples as f64
         };
@@ -67,7 +64,7 @@ impl Shares<'_> {
     }
 
     /// Returns the reductions by all effects on each gyro.
-    fn set_effects(&self, entries: &mut [DiagnosedEffect], whole: f64) -> Squares {
+    fn set_effects(&self, entries: &mut [DiagnosedEffect], whole: f64) -> [f64; TIMING] {
         let mut state = ModelState { held: Vec::new(), ..self.state.clone() };
         let mut fitted = |added: Option<FittedHypothesis>| {
             state.held.extend(added);
@@ -87,6 +84,6 @@ impl Shares<'_> {
     }
 }
 
-fn squares(measured: &MeasuredData, configuration: &Configuration, shifts: Shifts) -> Squares {
+fn squares(measured: &MeasuredData, configuration: &Configuration, shifts: Shifts) -> [f64; TIMING] {
     residual_stats::squares(measured, &measured.run(configuration, shifts))
 }

@@ -157,9 +157,10 @@ impl SelectedModel {
     pub(super) fn overlapping_pairs(&self) -> impl Iterator<Item = [usize; 2]> {
         let held = &self.state.held;
         let pairs = (0..held.len()).flat_map(|one| (one + 1..held.len()).map(move |other| [one, other]));
-        let is_part = |index: usize| is_two_or_three(&held[index].hypothesis.gyros);
-        let overlaps = |one: usize, other: usize| overlap(&held[one].hypothesis.gyros, &held[other].hypothesis.gyros);
-        pairs.filter(move |&[one, other]| overlaps(one, other) || is_part(one) || is_part(other))
+        pairs.filter(|two| {
+            let [one, other] = two.map(|index| &held[index].hypothesis.gyros);
+            overlap(one, other) || is_two_or_three(one) || is_two_or_three(other)
+        })
     }
 
     /// Removes a hypothesis from the state and from the steps.

@@ -41,8 +41,7 @@ fn entry(code: &str, class: Class, alternatives: Vec<ReportedAlternative>) -> Di
 }
 
 fn diagnosis(verdict: Verdict, entries: Vec<DiagnosedEffect>, findings: usize) -> Diagnosis {
-    let stats =
-        ResidualStats { rms_arcsec: 1.4, max_arcsec: 6.5, after_30min_arcsec: 2.3, reduced_chi2: 1.07, squares: 1.0 };
+    let stats = ResidualStats { rms_arcsec: 1.4, max_arcsec: 6.5, after_30min_arcsec: 2.3, reduced_chi2: 1.07 };
     let gaps = Gaps { fitted: stats, held_out: stats };
     let map = ResidualMap { whole: [[Some(-12.0); VARIABLES.len()]; 4], segments: Default::default() };
     let finding = |index: usize| Finding {
