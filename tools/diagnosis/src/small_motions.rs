@@ -13,23 +13,28 @@ use geu_model::Configuration;
 const SMALL_COUNTS: f64 = 10.0;
 
 impl SignatureBank {
-    /// The signatures of effects that withhold small motions, without those along a path.
+    /// The signatures of effects that withhold small motions, and of formulas of them, without those along a path.
     #[must_use]
     pub fn without_small_motions(mut self, path: &Series) -> SignatureBank {
-        for base in
-            self.bases.iter_mut().filter(|base| base.amplitude.filters_motion() || base.amplitude.formula().is_some())
-        {
-            for (series, path) in base.series.iter_mut().zip(path).take(TIMING) {
-                let turned = |block: usize| {
-                    let (min, max) = path[nodes(block)]
-                        .iter()
-                        .fold((f64::MAX, f64::MIN), |(min, max), angle| (angle.min(min), angle.max(max)));
-                    max - min
+        let moves: [Vec<bool>; TIMING] = std::array::from_fn(|gyro| {
+            let blocks = self.bases.first().map_or(0, |base| base.series[gyro].len());
+            (0..blocks).map(|block| turned(&path[gyro][nodes(block)]) >= SMALL_COUNTS).collect()
+        });
+        for base in &mut self.bases {
+            let formula = base.amplitude.formula();
+            if formula.is_none() && !base.amplitude.filters_motion() {
+                continue;
+            }
+            for (gyro, series) in base.series.iter_mut().enumerate().take(TIMING) {
+                let is_evidence = |block: usize| match formula {
+                    // The first three gyros sense the control axes.
+                    Some(formula) => formula.axes().all(|axis| moves[axis][block]),
+                    None => moves[gyro][block],
                 };
                 let (mut sum, mut before) = (0.0, 0.0);
                 let of_block = |(block, value): (usize, &f64)| {
                     let change = value - std::mem::replace(&mut before, *value);
-                    sum += if turned(block) < SMALL_COUNTS { 0.0 } else { change };
+                    sum += if is_evidence(block) { change } else { 0.0 };
                     sum
                 };
                 *series = series.iter().enumerate().map(of_block).collect();
@@ -60,6 +65,13 @@ impl SignatureBank {
         let is_searched = hypothesis.amplitude.kind.is_none_or(is_switch) && hypothesis.value > arcsec_per_s;
         is_searched || !self.bases.iter().any(is_zone)
     }
+}
+
+/// Difference of the largest and the smallest of accumulated counts.
+fn turned(counts: &[f64]) -> f64 {
+    let limits = |(min, max): (f64, f64), angle: &f64| (angle.min(min), angle.max(max));
+    let (min, max) = counts.iter().fold((f64::MAX, f64::MIN), limits);
+    max - min
 }
 
 /// Rate up to which a dead zone is not searched, arcsec/s: that of small motions if these answer the counts or are taken from them. Such a zone

@@ -99,6 +99,11 @@ impl Formula {
         self.factors.iter().flatten().any(|factor| factor.regressor.name() == "time")
     }
 
+    /// Control axes of the rates and accelerations among the factors.
+    pub fn axes(&self) -> impl Iterator<Item = usize> {
+        self.factors.iter().flatten().filter_map(|factor| factor.regressor.axis())
+    }
+
     /// Value for these values of the regressors.
     #[inline]
     pub fn value(&self, value: impl Fn(Regressor) -> f64) -> f64 {

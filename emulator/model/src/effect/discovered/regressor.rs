@@ -15,7 +15,7 @@ struct Entry {
     value: fn(&EffectInputs) -> f64,
 }
 
-/// The table. The rates come first, then their magnitudes in the same order.
+/// The table. The rates come first, then their magnitudes and the accelerations in the same order.
 const TABLE: [Entry; 13] = [
     Entry { name: "rate_x", unit: "arcsec/s", meaning: "mean rate about the X control axis", value: |s| rate(s, 0) },
     Entry { name: "rate_y", unit: "arcsec/s", meaning: "mean rate about the Y control axis", value: |s| rate(s, 1) },
@@ -103,12 +103,19 @@ impl Regressor {
         (TABLE[self.0].value)(surroundings)
     }
 
+    /// Control axis of a rate, its magnitude or an acceleration; `None` if it is no motion.
+    pub fn axis(self) -> Option<usize> {
+        (self.0 < MOTIONS).then_some(self.0 % 3)
+    }
+
     /// Index in [`Regressor::ALL`].
     pub fn index(self) -> usize {
         self.0
     }
 }
 
+/// Number of rates, magnitudes and accelerations.
+const MOTIONS: usize = 9;
 /// Places in [`Regressor::ALL`] of each rate and its magnitude.
 pub(super) const MAGNITUDES: [(usize, usize); 3] = [(0, 3), (1, 4), (2, 5)];
 
