@@ -205,7 +205,9 @@ fn in_place_of(
     others.held.remove(index);
     // Shape parameters of others are linear near their values only.
     let has_shapes = others.held.iter().any(|other| other.is_free.iter().skip(1).any(|is_free| *is_free));
-    let is_possible = |spot: &Spot| spot.is_valid(bank) && spot.is_physical(bank, &others);
+    let is_possible = |spot: &Spot| {
+        spot.is_valid(bank) && spot.is_physical(bank, &others) && spot.hypothesis(bank).is_within_limits()
+    };
     let of_base = |index: usize| {
         let sets = sets(&bank.bases[index], &held.gyros);
         let is_another = |spot: &Spot| spot.amplitude(bank) != held.amplitude || spot.gyros != held.gyros;
