@@ -22,20 +22,19 @@ const ONSET_S: f64 = 10.0;
 /// Largest shift of an onset, s.
 const MAX_ONSET_S: f64 = 2000.0;
 
-/// Fits a state. Between two motions the amplitude of a last hypothesis that settles and its onset are one number: then the onset stays.
+/// Fits a state. The amplitude of a last hypothesis that settles between two motions and its onset are one number, and so are that of a wave
+/// longer than the recording and its period: then onset or period stay.
 pub(super) fn fit_last(case: &DiagnosisCase, state: &mut ModelState) -> NormalEquations {
     let before = state.clone();
     let normal = case.fit(state);
     let Some((last, start)) = state.held.last().zip(before.held.last()) else { return normal };
     let parameters = start.hypothesis.parameters();
-    let settles = parameters.iter().any(|parameter| parameter.role == Role::TimeConstant);
-    let onset = parameters.iter().position(|parameter| parameter.role == Role::Onset);
-    let Some(onset) = onset.filter(|&onset| settles && start.is_free[onset] && !is_determined(last)) else {
-        return normal;
-    };
+    let place = |role: Role| parameters.iter().position(|parameter| parameter.role == role);
+    let stays = place(Role::TimeConstant).and_then(|_| place(Role::Onset)).or_else(|| place(Role::Period));
+    let Some(stays) = stays.filter(|&place| start.is_free[place] && !is_determined(last)) else { return normal };
     *state = before;
     if let Some(last) = state.held.last_mut() {
-        last.fix(onset, parameters[onset].value);
+        last.fix(stays, parameters[stays].value);
     }
     case.fit(state)
 }
