@@ -1,16 +1,21 @@
 //! Optimisation of shape parameters from their grid, by steps along each in turn.
 
-use geu_model::parameter_spec::Role;
+use geu_model::parameter_spec::{ParameterSpec, Role};
 use geu_model::time_profile::COURSES;
 
 use crate::courses::shortest_s;
 use crate::measured::BLOCK_S;
 use crate::signature_bank::Variation;
+use geu_hypothesis::amplitude::STEP;
 
 /// Number of halvings of the steps.
 const HALVINGS: usize = 5;
 /// First step of an onset, as a share of the recording: about that of the grid.
 const ONSET_SHARE: f64 = 1.0 / 96.0;
+/// Spacing of the steps among which the likeliest is searched, s: two blocks.
+const ONSET_S: f64 = 2.0 * BLOCK_S;
+/// Durations and time constants tried from there: halves of the recording, of that, and so on.
+const LENGTHS: i32 = 5;
 /// First step of a period, as a share of the period.
 const PERIOD_SHARE: f64 = 0.08;
 /// First step of a time constant, as a share of it.
@@ -19,8 +24,9 @@ const TIME_CONSTANT_SHARE: f64 = 0.3;
 const PHASE_RAD: f64 = 0.3;
 
 /// Local maximum of `of` near a variation, and its value. A variation without shape parameters stays; of an immediate effect the blocks
-/// beside its own are tried, which the grid leaves out.
-pub fn maximise(start: Variation, duration_s: f64, of: &dyn Fn(&Variation) -> f64) -> (Variation, f64) {
+/// beside its own are tried, which the grid leaves out. Where the angle `jumps` at an onset, the maximum is narrower than the grid: then the
+/// likeliest step of all is a second start.
+pub fn maximise(start: Variation, duration_s: f64, jumps: bool, of: &dyn Fn(&Variation) -> f64) -> (Variation, f64) {
     let value = of(&start);
     if let Variation::Onset { block } = start {
         let near = [block.checked_sub(1), Some(block + 1).filter(|block| *block as f64 * BLOCK_S < duration_s)];
@@ -29,50 +35,114 @@ pub fn maximise(start: Variation, duration_s: f64, of: &dyn Fn(&Variation) -> f6
         let (value, best) = tried.fold((value, start), |best, own| if own.0 > best.0 { own } else { best });
         return (best, value);
     }
-    let Variation::Course { kind, mut shapes } = start else { return (start, value) };
-    let mut best = value;
-    let mut steps: Vec<f64> = COURSES[kind]
-        .shapes
-        .iter()
-        .zip(&shapes)
-        .map(|(number, value)| match number.role {
+    let Variation::Course { kind, shapes } = start else { return (start, value) };
+    let course = Course { kind, duration_s, of };
+    let from_step = if jumps { course.at_likeliest_step() } else { None };
+    let starts = std::iter::once((value, shapes)).chain(from_step);
+    let best = starts.map(|start| course.ascend(start)).reduce(|best, own| if own.0 > best.0 { own } else { best });
+    let (value, shapes) = best.expect("one start or two");
+    (Variation::Course { kind, shapes }, value)
+}
+
+/// A time course, the length of the recording, and what is maximised.
+struct Course<'a> {
+    kind: usize,
+    duration_s: f64,
+    of: &'a dyn Fn(&Variation) -> f64,
+}
+
+/// Shape parameters and the value there.
+type Valued = (f64, Vec<f64>);
+
+impl Course<'_> {
+    fn place(&self, role: Role) -> Option<usize> {
+        COURSES[self.kind].shapes.iter().position(|number| number.role == role)
+    }
+
+    fn valued(&self, shapes: Vec<f64>) -> Valued {
+        ((self.of)(&Variation::Course { kind: self.kind, shapes: shapes.clone() }), shapes)
+    }
+
+    /// The best course that begins or ends with the likeliest step; `None` if it has no onset.
+    fn at_likeliest_step(&self) -> Option<Valued> {
+        let onset = self.place(Role::Onset)?;
+        let step = Course { kind: STEP, ..*self };
+        let onsets = (1..(self.duration_s / ONSET_S) as usize).map(|place| place as f64 * ONSET_S);
+        let of_step = onsets.map(|onset_s| step.valued(vec![onset_s]));
+        let (_, likeliest) = of_step.reduce(|best, own| if own.0 > best.0 { own } else { best })?;
+        let length = self.place(Role::Duration).or_else(|| self.place(Role::TimeConstant));
+        let Some(length) = length else { return Some(self.valued(likeliest)) };
+        let of_length = |length_s: f64| {
+            let at = move |onset_s: f64| {
+                let mut shapes = vec![0.0; 2];
+                (shapes[onset], shapes[length]) = (onset_s, length_s);
+                shapes
+            };
+            let ends = self.place(Role::Duration).map(|_| likeliest[0] - length_s).filter(|onset_s| *onset_s > 0.0);
+            std::iter::once(likeliest[0]).chain(ends).map(at).collect::<Vec<_>>()
+        };
+        let lengths_s = (1..=LENGTHS).map(|halvings| self.duration_s * 0.5_f64.powi(halvings));
+        let tried = lengths_s.flat_map(of_length).map(|shapes| self.valued(shapes));
+        tried.reduce(|best, own| if own.0 > best.0 { own } else { best })
+    }
+
+    /// First steps: each shape alone, and an onset with its end held.
+    fn directions(&self, shapes: &[f64]) -> Vec<Vec<(usize, f64)>> {
+        let onset_s = self.duration_s * ONSET_SHARE;
+        let step = |(number, value): (&ParameterSpec, &f64)| match number.role {
             // The start of the recording is an onset of its own.
             Role::Onset if *value == 0.0 => 0.0,
-            Role::Onset | Role::Duration => duration_s * ONSET_SHARE,
+            Role::Onset | Role::Duration => onset_s,
             Role::TimeConstant => TIME_CONSTANT_SHARE * value,
             Role::Phase => PHASE_RAD,
             _ => PERIOD_SHARE * value,
+        };
+        let numbers = COURSES[self.kind].shapes.iter().zip(shapes);
+        let alone = numbers.enumerate().map(|(index, number)| vec![(index, step(number))]);
+        let ends = self.place(Role::Onset).zip(self.place(Role::Duration)).filter(|&(onset, _)| shapes[onset] != 0.0);
+        alone.chain(ends.map(|(onset, duration)| vec![(onset, onset_s), (duration, -onset_s)])).collect()
+    }
+
+    fn is_possible(&self, shapes: &[f64]) -> bool {
+        COURSES[self.kind].shapes.iter().zip(shapes).all(|(number, value)| {
+            // Less than half of a period is not distinguishable from a ramp.
+            let max = match number.role {
+                Role::Onset | Role::Duration | Role::TimeConstant => self.duration_s,
+                Role::Phase => f64::INFINITY,
+                _ => 2.01 * self.duration_s,
+            };
+            let min = shortest_s(number.role).unwrap_or(number.min);
+            (min..=number.max).contains(value) && *value < max
         })
-        .collect();
-    let mut halved = 0;
-    while halved < HALVINGS && !shapes.is_empty() {
-        let mut is_higher = false;
-        for index in 0..shapes.len() {
-            for step in [steps[index], -steps[index]].into_iter().filter(|step| *step != 0.0) {
-                let mut tried = shapes.clone();
-                tried[index] += step;
-                let number = &COURSES[kind].shapes[index];
-                // Less than half of a period is not distinguishable from a ramp.
-                let max = match number.role {
-                    Role::Onset | Role::Duration | Role::TimeConstant => duration_s,
-                    Role::Phase => f64::INFINITY,
-                    _ => 2.01 * duration_s,
-                };
-                let min = shortest_s(number.role).unwrap_or(number.min);
-                let is_inside = (min..=number.max).contains(&tried[index]) && tried[index] < max;
-                let value = if is_inside { of(&Variation::Course { kind, shapes: tried.clone() }) } else { f64::NAN };
-                if value > best {
-                    (best, shapes, is_higher) = (value, tried, true);
-                    break;
+    }
+
+    /// Local maximum.
+    fn ascend(&self, start: Valued) -> Valued {
+        let directions = self.directions(&start.1);
+        let (mut best, mut halved, mut length) = (start, 0, 1.0);
+        while halved < HALVINGS {
+            let mut is_higher = false;
+            for direction in &directions {
+                for length in [length, -length] {
+                    let mut tried = best.1.clone();
+                    direction.iter().for_each(|(index, step)| tried[*index] += length * step);
+                    if tried == best.1 || !self.is_possible(&tried) {
+                        continue;
+                    }
+                    let tried = self.valued(tried);
+                    if tried.0 > best.0 {
+                        (best, is_higher) = (tried, true);
+                        break;
+                    }
                 }
             }
+            if !is_higher {
+                length *= 0.5;
+                halved += 1;
+            }
         }
-        if !is_higher {
-            steps.iter_mut().for_each(|step| *step *= 0.5);
-            halved += 1;
-        }
+        best
     }
-    (Variation::Course { kind, shapes }, best)
 }
 
 #[cfg(test)]
@@ -90,7 +160,7 @@ mod tests {
             _ => f64::NAN,
         };
         let (Variation::Course { shapes, .. }, value) =
-            maximise(Variation::Course { kind, shapes: vec![5400.0, 0.0] }, 10_800.0, &of)
+            maximise(Variation::Course { kind, shapes: vec![5400.0, 0.0] }, 10_800.0, false, &of)
         else {
             panic!("a course stays one");
         };
@@ -104,11 +174,14 @@ mod tests {
             _ => f64::NAN,
         };
         for (start, expected) in [(0, 1), (2, 1), (1, 1), (5, 4)] {
-            assert_eq!(maximise(Variation::Onset { block: start }, 100.0, &of).0, Variation::Onset { block: expected });
+            assert_eq!(
+                maximise(Variation::Onset { block: start }, 100.0, true, &of).0,
+                Variation::Onset { block: expected }
+            );
         }
         // Neither before the start nor after the end.
         let later = |variation: &Variation| -of(variation);
-        assert_eq!(maximise(Variation::Onset { block: 19 }, 100.0, &later).0, Variation::Onset { block: 19 });
-        assert_eq!(maximise(Variation::Onset { block: 0 }, 100.0, &later).0, Variation::Onset { block: 0 });
+        assert_eq!(maximise(Variation::Onset { block: 19 }, 100.0, true, &later).0, Variation::Onset { block: 19 });
+        assert_eq!(maximise(Variation::Onset { block: 0 }, 100.0, true, &later).0, Variation::Onset { block: 0 });
     }
 }
