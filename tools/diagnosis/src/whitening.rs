@@ -27,6 +27,10 @@ const MEAN: f64 = (BLOCK as f64 + 1.0) / (2.0 * BLOCK as f64);
 /// Variance of that average, as a share of the walk's variance at the end of the block.
 const VARIANCE: f64 = (BLOCK as f64 + 1.0) * (2.0 * BLOCK as f64 + 1.0) / (6.0 * BLOCK as f64 * BLOCK as f64);
 
+/// Share of the correlation of the rounding errors of two blocks that is lost per count of the walk between them, 1 sigma: the error after a
+/// turn by a part δ of a count has the correlation 1 − 6 |δ| (1 − |δ|), and the mean of |δ| is √(2/π) sigma.
+const LOST_PER_COUNT: f64 = 4.8;
+
 /// The filter at one block, written for the increments of a series, where an innovation depends on the one before by one product.
 #[derive(Debug, Clone, Copy)]
 struct Step {
@@ -106,10 +110,11 @@ impl Whitening {
                 (Some(next), _) => *next,
                 (None, _) => BlockRounding::NONE,
             };
+            let correlation = next.correlation * (1.0 - LOST_PER_COUNT * angle.sqrt()).max(0.0);
             let persistence =
-                if own.variance > 0.0 { next.correlation * (next.variance / own.variance).sqrt() } else { 0.0 };
+                if own.variance > 0.0 { correlation * (next.variance / own.variance).sqrt() } else { 0.0 };
             (ae, de) = (persistence * ae, persistence * de);
-            ee = persistence * persistence * ee + next.variance * (1.0 - next.correlation * next.correlation);
+            ee = persistence * persistence * ee + next.variance * (1.0 - correlation * correlation);
             gains[2] *= persistence;
             let [with_angle, with_rate, with_error] = gains;
             let remainder = 1.0 - with_angle - mean_s * with_rate - with_error;
@@ -205,6 +210,24 @@ mod tests {
             let transposed: f64 = increments.zip(&derivatives[from..]).map(|(one, other)| one * other).sum();
             assert!((product - transposed).abs() < 1e-9 * product.abs().max(1.0), "{product} {transposed}");
         }
+    }
+
+    #[test]
+    fn a_count_that_flips_at_rest_is_no_evidence() {
+        let noise = NoiseModel { white: 1e-6, angle_walk: 0.005, rate_walk: 0.0, scale_walk: 0.0 };
+        let blocks = vec![Block { is_good: true, is_compared: true, restarts: false }; 20_000];
+        let rest = BlockRounding { variance: 1.0 / 12.0, correlation: 1.0, ..BlockRounding::NONE };
+        let (mut state, mut angle) = (1u64, 0.4);
+        let counts = |_: &Block| {
+            angle += noise.angle_walk * BLOCK_S.sqrt() * (0..12).map(|_| draw(&mut state)).sum::<f64>();
+            f64::round(angle)
+        };
+        let series: Vec<f64> = blocks.iter().map(counts).collect();
+        assert!(series.windows(2).filter(|pair| pair[0] != pair[1]).count() > 50);
+        let white = Whitening::new(&noise, &blocks, &vec![rest; blocks.len()]).apply(&series);
+        let variance = white.iter().map(|value| value * value).sum::<f64>() / 19_999.0;
+        // Less than 1: while a count stays, the walk and the rounding error are opposite.
+        assert!((0.6..1.1).contains(&variance), "{variance}");
     }
 
     #[test]
