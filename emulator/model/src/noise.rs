@@ -1,8 +1,10 @@
 //! Noise streams: each a function of (run seed, gyro, effect), or of (run seed, sensor), so that switching one on never
 //! moves another.
 
+pub mod flicker;
 mod gauss_markov;
 
+pub use flicker::Flicker;
 pub use gauss_markov::GaussMarkov;
 use geu_protocol::Gyro;
 use rand_chacha::ChaCha8Rng;

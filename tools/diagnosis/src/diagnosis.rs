@@ -168,6 +168,7 @@ impl Report<'_> {
             let (_, channels) = whiteness_statistic(left);
             std::array::from_fn(|gyro| channels[gyro] > thresholds.whiteness_statistic || overfitted[gyro])
         };
+        selected.drop_drifts_beside_noise(case, thresholds);
         let mut overfitted = selected.overfitted_gyros(case.nominal);
         let beside_zone = selected.beside_nonlinear_filter(self.entries.bank);
         overfitted.iter_mut().zip(beside_zone).for_each(|(overfitted, is_beside)| *overfitted |= is_beside);

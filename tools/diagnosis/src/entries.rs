@@ -1,7 +1,7 @@
 //! The reported effects: hypotheses, noises, lag, calibration parameters and wiring faults, each with its parameters, alternatives and
 //! corrections of the configuration.
 
-use geu_model::effect::{AngleRandomWalk, DriftRandomWalk, Effect, GyroEffects, ScaleFactorNoise};
+use geu_model::effect::{AngleRandomWalk, BiasInstability, DriftRandomWalk, Effect, GyroEffects, ScaleFactorNoise};
 use geu_model::fault::{EffectList, ParameterRef};
 use geu_model::parameter_spec::ParameterSet;
 use geu_protocol::Gyro;
@@ -278,6 +278,7 @@ fn amplitude_of(walk: Walk) -> AmplitudeRef {
         Walk::Angle => AngleRandomWalk::SPEC,
         Walk::Rate => DriftRandomWalk::SPEC,
         Walk::Scale => ScaleFactorNoise::SPEC,
+        Walk::Flicker => BiasInstability::SPEC,
     };
     let effect = GyroEffects::SPECS.iter().position(|other| *other == spec).expect("an effect of the list");
     AmplitudeRef::new(ParameterRef { list: EffectList::Head, effect, number: 0 }, None)

@@ -65,7 +65,7 @@ impl ModelState {
         push(&self.calibration_sigmas);
         push(&[self.shifts.lag_s, self.shifts.temperature_s, self.lag_sigma_s]);
         for noise in &self.noise {
-            push(&[noise.white, noise.angle_walk, noise.rate_walk, noise.scale_walk]);
+            push(&[noise.white, noise.angle_walk, noise.rate_walk, noise.scale_walk, noise.flicker]);
         }
         for FittedHypothesis { hypothesis, is_free, sigmas, penalty, held_out, columns } in &self.held {
             push(&hypothesis.parameters().iter().map(|parameter| parameter.value).collect::<Vec<_>>());

@@ -5,6 +5,7 @@ use std::borrow::Cow;
 
 use geu_model::Configuration;
 use geu_model::effect::GyroEffects;
+use geu_model::units::S_PER_H;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use crate::diagnosis_case::DiagnosisCase;
@@ -44,11 +45,13 @@ pub enum Walk {
     Rate,
     /// Angle random walk in proportion to the rate: white noise of the scale factor.
     Scale,
+    /// Flicker of the rate.
+    Flicker,
 }
 
 impl Walk {
     /// Each.
-    pub const ALL: [Walk; 3] = [Walk::Angle, Walk::Rate, Walk::Scale];
+    pub const ALL: [Walk; 4] = [Walk::Angle, Walk::Rate, Walk::Scale, Walk::Flicker];
 
     /// Growth among the effects of a gyro.
     pub fn growth(self, effects: &GyroEffects) -> f64 {
@@ -56,6 +59,7 @@ impl Walk {
             Walk::Angle => effects.angle_random_walk.arcsec_per_sqrt_s,
             Walk::Rate => effects.drift_random_walk.arcsec_per_s_per_sqrt_s,
             Walk::Scale => effects.scale_factor_noise.ppm_sqrt_s,
+            Walk::Flicker => effects.bias_instability.arcsec_per_h,
         }
     }
 }
@@ -67,6 +71,7 @@ impl NoiseModel {
             Walk::Angle => self.angle_walk,
             Walk::Rate => self.rate_walk,
             Walk::Scale => self.scale_walk,
+            Walk::Flicker => self.flicker,
         }
     }
 
@@ -77,6 +82,7 @@ impl NoiseModel {
             Walk::Angle => self.angle_walk = value,
             Walk::Rate => self.rate_walk = value,
             Walk::Scale => self.scale_walk = value,
+            Walk::Flicker => self.flicker = value,
         }
         self
     }
@@ -93,7 +99,8 @@ pub fn configured(
 ) -> [NoiseModel; CHANNELS] {
     std::array::from_fn(|channel| {
         let effects = configuration.gyros.get(channel).map(|gyro| &gyro.effects.constant);
-        let [angle_walk, rate_walk, scale_walk] = Walk::ALL.map(|walk| effects.map_or(0.0, |own| walk.growth(own)));
+        let [angle_walk, rate_walk, scale_walk, flicker] =
+            Walk::ALL.map(|walk| effects.map_or(0.0, |own| walk.growth(own)));
         let variance =
             second_differences(&residual[channel], &measured.blocks[channel], &rounding[channel], scale_walk);
         // The second difference of a walk contains two of its steps, each averaged over a ramp: 2/3 of a whole step, and −1/6 with its
@@ -101,7 +108,7 @@ pub fn configured(
         let white = (variance - angle_walk.powi(2) * BLOCK_S) / 6.0;
         let is_dequantised = measured.weights.get(channel).is_some_and(Option::is_some);
         let min = if is_dequantised { 0.0 } else { min_white(channel) };
-        NoiseModel { white: white.max(min), angle_walk, rate_walk, scale_walk }
+        NoiseModel { white: white.max(min), angle_walk, rate_walk, scale_walk, flicker }
     })
 }
 
@@ -282,6 +289,8 @@ fn start(case: &DiagnosisCase, channel: usize, noise: &NoiseModel, walk: Walk) -
         (configured, _) if configured > 0.0 => configured,
         (_, Walk::Angle) => white * 1e-2,
         (_, Walk::Rate) => white * 1e-5,
+        // As large a rate as that of the rate random walk after a thousand seconds.
+        (_, Walk::Flicker) => white * 1e-5 * 1000f64.sqrt() * S_PER_H,
         (_, Walk::Scale) => {
             // As large an angle as that of the angle random walk over the whole recording.
             let blocks = &case.rounding[channel];

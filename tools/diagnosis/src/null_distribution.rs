@@ -6,9 +6,9 @@
 
 use std::cmp::Reverse;
 
-use geu_model::noise::NoiseStream;
+use geu_model::noise::{Flicker, NoiseStream};
 use geu_model::package::Axes;
-use geu_model::units::{PPM, SAMPLE_INTERVAL_S};
+use geu_model::units::{PPM, S_PER_H, SAMPLE_INTERVAL_S};
 use geu_protocol::Gyro;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -193,6 +193,7 @@ fn draw(case: &DiagnosisCase, model: &Series, noise: &[NoiseModel; CHANNELS], se
         let mut stream = NoiseStream::new(seed, Gyro::ALL[channel], "null");
         let (root_s, mut rate) = (SAMPLE_INTERVAL_S.sqrt(), DRIFT_ARCSEC_S * stream.standard_normal());
         let mut walk = 100.0 * stream.standard_normal();
+        let mut flicker = (own.flicker > 0.0).then(|| Flicker::stationary(&mut stream));
         // The noise of the reference is common to the gyros of an axis.
         let additional = own.white.sqrt();
         let axis = Axes::of(Gyro::ALL[channel]).input_control.iter().position(|share| *share != 0.0).unwrap_or(0);
@@ -209,6 +210,9 @@ fn draw(case: &DiagnosisCase, model: &Series, noise: &[NoiseModel; CHANNELS], se
             for node in nodes(block) {
                 rate += own.rate_walk * root_s * stream.standard_normal();
                 walk += rate * SAMPLE_INTERVAL_S + own.angle_walk * root_s * stream.standard_normal();
+                if let Some(flicker) = &mut flicker {
+                    walk += own.flicker / S_PER_H * flicker.advance(SAMPLE_INTERVAL_S, &mut stream) * SAMPLE_INTERVAL_S;
+                }
                 let angle = model[channel][node];
                 if own.scale_walk > 0.0 {
                     let turned = angle - model[channel][node.saturating_sub(1)];

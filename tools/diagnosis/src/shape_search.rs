@@ -36,7 +36,7 @@ pub fn maximise(start: Variation, duration_s: f64, jumps: bool, of: &dyn Fn(&Var
         return (best, value);
     }
     let Variation::Course { kind, shapes } = start else { return (start, value) };
-    let course = Course { kind, duration_s, of };
+    let course = Course { kind, duration_s, jumps, of };
     let from_step = if jumps { course.at_likeliest_step() } else { None };
     let starts = std::iter::once((value, shapes)).chain(from_step);
     let best = starts.map(|start| course.ascend(start)).reduce(|best, own| if own.0 > best.0 { own } else { best });
@@ -48,6 +48,7 @@ pub fn maximise(start: Variation, duration_s: f64, jumps: bool, of: &dyn Fn(&Var
 struct Course<'a> {
     kind: usize,
     duration_s: f64,
+    jumps: bool,
     of: &'a dyn Fn(&Variation) -> f64,
 }
 
@@ -86,7 +87,7 @@ impl Course<'_> {
         tried.reduce(|best, own| if own.0 > best.0 { own } else { best })
     }
 
-    /// First steps: each shape alone, and an onset with its end held.
+    /// First steps: each shape alone; where the angle jumps, also an onset with its end held.
     fn directions(&self, shapes: &[f64]) -> Vec<Vec<(usize, f64)>> {
         let onset_s = self.duration_s * ONSET_SHARE;
         let step = |(number, value): (&ParameterSpec, &f64)| match number.role {
@@ -99,7 +100,8 @@ impl Course<'_> {
         };
         let numbers = COURSES[self.kind].shapes.iter().zip(shapes);
         let alone = numbers.enumerate().map(|(index, number)| vec![(index, step(number))]);
-        let ends = self.place(Role::Onset).zip(self.place(Role::Duration)).filter(|&(onset, _)| shapes[onset] != 0.0);
+        let ends = self.place(Role::Onset).zip(self.place(Role::Duration));
+        let ends = ends.filter(|&(onset, _)| self.jumps && shapes[onset] != 0.0);
         alone.chain(ends.map(|(onset, duration)| vec![(onset, onset_s), (duration, -onset_s)])).collect()
     }
 

@@ -323,6 +323,11 @@ impl SignatureBank {
         })
     }
 
+    /// True if the filter forgets a jump of the angle, as it does with an exact reference: then its time is known within blocks.
+    pub fn forgets_jumps(&self) -> bool {
+        self.jump_blocks < self.courses.blocks()
+    }
+
     /// Blocks of each signature.
     pub fn block_count(&self) -> usize {
         self.courses.blocks()

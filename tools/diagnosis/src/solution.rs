@@ -26,7 +26,7 @@ const FORMULA_MARGIN: f64 = 10.0;
 const PAIR_ROUNDS: usize = 3;
 /// Version of the search beside the model's lists. It changes with grids, families and null recordings, so that stored thresholds never
 /// apply to another search.
-const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 30");
+const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 31");
 
 /// Options of a diagnosis.
 pub struct DiagnosisOptions<'a> {
@@ -183,6 +183,7 @@ fn key(measured: &MeasuredData, path: &Series, noise: &[NoiseModel; CHANNELS], c
         push(&noise[channel].angle_walk.to_le_bytes());
         push(&noise[channel].rate_walk.to_le_bytes());
         push(&noise[channel].scale_walk.to_le_bytes());
+        push(&noise[channel].flicker.to_le_bytes());
         // Tenths only: the white noise is estimated from data on which a threshold should not depend.
         push(&tenths(noise[channel].white.ln()));
         path[channel].iter().step_by(BLOCK).for_each(|value| push(&tenths(*value)));

@@ -139,7 +139,7 @@ impl Spot {
         let at = |variation: &Variation| {
             Spot::fit(bank, normal, self.base, variation.clone(), self.gyros).filter(&is_possible)
         };
-        let jumps = self.base(bank).mode == Mode::Level;
+        let jumps = self.base(bank).mode == Mode::Level && bank.forgets_jumps();
         let chi2 = |variation: &Variation| at(variation).map_or(0.0, |spot| spot.gain.chi2);
         let (variation, _) = maximise(self.variation.clone(), duration_s, jumps, &chi2);
         at(&variation).filter(|spot| spot.hypothesis(bank).is_within_limits())

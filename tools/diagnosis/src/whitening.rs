@@ -4,10 +4,14 @@
 //! deviation is white. The filter is linear and independent of the data, thus the same for a residual and for every signature (Willsky and Jones).
 //! After a restart of the sum the first block only initialises the angle.
 
+mod covariance;
+
 use std::hash::Hasher;
 
-use crate::measured::{BLOCK, BLOCK_S, Block};
+use crate::measured::Block;
 use crate::rounding::BlockRounding;
+
+use covariance::{Covariance, Gains, SLOW, slow_decays};
 
 /// Noise of one channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,12 +24,9 @@ pub struct NoiseModel {
     pub rate_walk: f64,
     /// White noise of the scale factor, ppm·√s.
     pub scale_walk: f64,
+    /// Flicker of the rate, per hour.
+    pub flicker: f64,
 }
-
-/// Mean time of a block's average of a walk that starts at 0, as a share of the block.
-const MEAN: f64 = (BLOCK as f64 + 1.0) / (2.0 * BLOCK as f64);
-/// Variance of that average, as a share of the walk's variance at the end of the block.
-const VARIANCE: f64 = (BLOCK as f64 + 1.0) * (2.0 * BLOCK as f64 + 1.0) / (6.0 * BLOCK as f64 * BLOCK as f64);
 
 /// Share of the correlation of the rounding errors of two blocks that is lost per count of the walk between them, 1 sigma: the error after a
 /// turn by a part δ of a count has the correlation 1 − 6 |δ| (1 − |δ|), and the mean of |δ| is √(2/π) sigma.
@@ -49,6 +50,8 @@ struct Step {
 pub struct Whitening {
     /// For each block.
     steps: Vec<Step>,
+    /// Gains of each block on the turns by the slow processes of the flicker over a block; empty without flicker.
+    slow_gains: Vec<[f64; SLOW]>,
     /// Σ ln of the innovations' variances.
     pub log_determinant: f64,
 }
@@ -56,53 +59,22 @@ pub struct Whitening {
 impl Whitening {
     /// The filter of this noise over these blocks with this rounding.
     pub fn new(noise: &NoiseModel, blocks: &[Block], rounding: &[BlockRounding]) -> Whitening {
-        let (drift, t) = (noise.rate_walk.powi(2), BLOCK_S);
-        let mean_s = MEAN * t;
-        // Covariances of angle, rate and rounding error. At the start the angle is free, since a common time shift changes the angle
-        // before. The initial rate is a calibration parameter, not noise.
-        let (mut aa, mut ad, mut dd) = (0.0, 0.0, 0.0);
-        let (mut ae, mut de, mut ee) = (0.0, 0.0, rounding.first().map_or(0.0, |first| first.variance));
+        let mut covariance = Covariance::new(noise, rounding.first().map_or(0.0, |first| first.variance));
         let (mut anew, mut log_determinant) = (true, 0.0);
+        let mut slow_gains = Vec::with_capacity(if covariance.has_flicker() { blocks.len() } else { 0 });
         let step = |(number, block): (usize, &Block)| {
             let own = rounding[number];
             let white = noise.white * own.white_scale;
-            let angle =
-                noise.angle_walk.powi(2) * BLOCK_S + noise.scale_walk.powi(2) * own.scale_walk + own.reference_walk;
+            let angle = covariance.angle_growth(noise.scale_walk.powi(2) * own.scale_walk + own.reference_walk);
             anew |= block.restarts;
-            // Of the average with itself, and with angle, rate and rounding error at the block's end.
-            let with_rate = ad + mean_s * dd + de;
-            let with_error = ae + mean_s * de + ee;
-            let with_angle = aa + (mean_s + t) * ad + mean_s * t * dd + MEAN * angle + ae + t * de;
-            let innovation = aa
-                + 2.0 * mean_s * ad
-                + mean_s * mean_s * dd
-                + VARIANCE * angle
-                + white
-                + 2.0 * (ae + mean_s * de)
-                + ee;
-            aa += 2.0 * t * ad + t * t * dd + angle + drift * t.powi(3) / 3.0;
-            ad += t * dd + drift * t * t / 2.0;
-            dd += drift * t;
-            ae += t * de;
-            let mut gains = [0.0; 3];
-            let mut weight = 0.0;
+            let average = covariance.advance(angle, white);
+            let (mut gains, mut weight) = (Gains::default(), 0.0);
             if block.is_compared && std::mem::take(&mut anew) {
-                // The angle at the end is the average and what came after its mean time.
-                let left_s = t - mean_s;
-                let rest = (1.0 - 2.0 * MEAN + VARIANCE) * angle;
-                aa = white + rest + left_s * left_s * dd + ee - 2.0 * left_s * de;
-                (ad, ae) = (left_s * dd - de, left_s * de - ee);
-                gains[0] = 1.0;
+                gains = covariance.restart(angle, white);
             } else if block.is_compared {
-                gains = [with_angle, with_rate, with_error].map(|covariance| covariance / innovation);
-                aa -= gains[0] * with_angle;
-                ad -= gains[0] * with_rate;
-                dd -= gains[1] * with_rate;
-                ae -= gains[0] * with_error;
-                de -= gains[1] * with_error;
-                ee -= gains[2] * with_error;
-                log_determinant += innovation.ln();
-                weight = 1.0 / innovation.sqrt();
+                gains = covariance.correct(&average);
+                log_determinant += average.variance.ln();
+                weight = 1.0 / average.variance.sqrt();
             }
             // The phase of the accumulated angle after a break is another one.
             let next = match (rounding.get(number + 1), blocks.get(number + 1)) {
@@ -113,15 +85,15 @@ impl Whitening {
             let correlation = next.correlation * (1.0 - LOST_PER_COUNT * angle.sqrt()).max(0.0);
             let persistence =
                 if own.variance > 0.0 { correlation * (next.variance / own.variance).sqrt() } else { 0.0 };
-            (ae, de) = (persistence * ae, persistence * de);
-            ee = persistence * persistence * ee + next.variance * (1.0 - correlation * correlation);
-            gains[2] *= persistence;
-            let [with_angle, with_rate, with_error] = gains;
-            let remainder = 1.0 - with_angle - mean_s * with_rate - with_error;
-            Step { remainder, gains: [t * with_rate, with_error], persistence, weight }
+            covariance.next_error(persistence, next.variance * (1.0 - correlation * correlation));
+            gains.error *= persistence;
+            let remainder = 1.0 - gains.angle - covariance.turn_gain(&gains) - gains.error;
+            let (turn, slow) = covariance.turn_gains(&gains);
+            slow_gains.extend(covariance.has_flicker().then_some(slow));
+            Step { remainder, gains: [turn, gains.error], persistence, weight }
         };
         let steps = blocks.iter().enumerate().map(step).collect();
-        Whitening { steps, log_determinant }
+        Whitening { steps, slow_gains, log_determinant }
     }
 
     /// Innovations of a series, each over its deviation.
@@ -137,6 +109,9 @@ impl Whitening {
 
     /// Whitens a series by each of two filters. An innovation waits for the one before, so that two take as long as one.
     pub fn apply_both(filters: [&Whitening; 2], from: usize, series: [&[f64]; 2]) -> [Vec<f64>; 2] {
+        if filters.iter().any(|own| !own.slow_gains.is_empty()) {
+            return [0, 1].map(|own| filters[own].apply_with_flicker(from, series[own]));
+        }
         let blocks = series[0].len().min(series[1].len());
         let (steps, series) = (filters.map(|own| &own.steps[from..from + blocks]), series.map(|own| &own[..blocks]));
         // What the innovation before leaves in this one, the turn by the rate, and the rounding error.
@@ -157,13 +132,41 @@ impl Whitening {
         white
     }
 
+    /// Whitens a series by a filter with flicker or without.
+    fn apply_with_flicker(&self, from: usize, series: &[f64]) -> Vec<f64> {
+        let (steps, slow) = (&self.steps[from..], self.slow_gains.get(from..).unwrap_or_default());
+        let (mut left, mut turn, mut error, mut before, mut predicted) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        let mut slow_turns = [0.0; SLOW];
+        let white = |(block, &measured): (usize, &f64)| {
+            let step = &steps[block];
+            let innovation = (measured - before - predicted) + left;
+            before = measured;
+            left = step.remainder * innovation;
+            predicted = turn + slow_turns.iter().sum::<f64>() + (step.persistence - 1.0) * error;
+            turn += step.gains[0] * innovation;
+            error = step.persistence * error + step.gains[1] * innovation;
+            if let Some(gains) = slow.get(block) {
+                let turns = slow_turns.iter_mut().zip(slow_decays()).zip(gains);
+                turns.for_each(|((turn, decay), gain)| *turn = decay * *turn + gain * innovation);
+            }
+            innovation * step.weight
+        };
+        series.iter().enumerate().map(white).collect()
+    }
+
     /// Derivatives of the product of `white` with a whitened series by the increments of that series.
     pub fn transposed(&self, white: &[f64]) -> Vec<f64> {
         let mut derivatives = vec![0.0; white.len()];
         let (mut innovation, mut turn, mut error) = (0.0, 0.0, 0.0);
-        for ((step, white), derivative) in self.steps.iter().zip(white).zip(&mut derivatives).rev() {
-            let later = innovation;
+        let mut slow_turns = [0.0; SLOW];
+        for (block, (white, derivative)) in white.iter().zip(&mut derivatives).enumerate().rev() {
+            let (step, later) = (&self.steps[block], innovation);
             innovation = step.weight * white + step.remainder * later + step.gains[0] * turn + step.gains[1] * error;
+            if let Some(gains) = self.slow_gains.get(block) {
+                innovation += slow_turns.iter().zip(gains).map(|(turn, gain)| turn * gain).sum::<f64>();
+                let turns = slow_turns.iter_mut().zip(slow_decays());
+                turns.for_each(|(turn, decay)| *turn = decay * *turn - later);
+            }
             turn -= later;
             error = step.persistence * error - (step.persistence - 1.0) * later;
             *derivative = innovation;
@@ -178,12 +181,16 @@ impl Whitening {
                 hasher.write_u64(number.to_bits());
             }
         }
+        self.slow_gains.iter().flatten().for_each(|number| hasher.write_u64(number.to_bits()));
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::measured::{BLOCK, BLOCK_S};
+    use geu_model::noise::{Flicker, NoiseStream};
+    use geu_model::units::S_PER_H;
 
     /// Draws that need no generator: a quadratic residue sequence, of variance 1/12 about 0.
     fn draw(state: &mut u64) -> f64 {
@@ -193,7 +200,7 @@ mod tests {
 
     #[test]
     fn transposed_filter_gives_the_product_with_a_whitened_series() {
-        let noise = NoiseModel { white: 1.0 / 120.0, angle_walk: 0.01, rate_walk: 8e-6, scale_walk: 0.0 };
+        let noise = NoiseModel { white: 1.0 / 120.0, angle_walk: 0.01, rate_walk: 8e-6, scale_walk: 0.0, flicker: 5.0 };
         let mut blocks = vec![Block { is_good: true, is_compared: true, restarts: false }; 300];
         blocks[90] = Block { is_good: false, is_compared: false, restarts: true };
         let rounding =
@@ -214,7 +221,7 @@ mod tests {
 
     #[test]
     fn a_count_that_flips_at_rest_is_no_evidence() {
-        let noise = NoiseModel { white: 1e-6, angle_walk: 0.005, rate_walk: 0.0, scale_walk: 0.0 };
+        let noise = NoiseModel { white: 1e-6, angle_walk: 0.005, rate_walk: 0.0, scale_walk: 0.0, flicker: 0.0 };
         let blocks = vec![Block { is_good: true, is_compared: true, restarts: false }; 20_000];
         let rest = BlockRounding { variance: 1.0 / 12.0, correlation: 1.0, ..BlockRounding::NONE };
         let (mut state, mut angle) = (1u64, 0.4);
@@ -232,8 +239,10 @@ mod tests {
 
     #[test]
     fn whitened_walks_are_white_across_a_break() {
-        for angle_walk in [0.01, 0.3] {
-            let noise = NoiseModel { white: 1.0 / 120.0, angle_walk, rate_walk: 8e-6, scale_walk: 0.0 };
+        for (angle_walk, flicker) in [(0.01, 0.0), (0.3, 0.0), (0.01, 20.0)] {
+            let noise = NoiseModel { white: 1.0 / 120.0, angle_walk, rate_walk: 8e-6, scale_walk: 0.0, flicker };
+            let mut stream = NoiseStream::of_sensor(1, "flicker");
+            let mut processes = Flicker::stationary(&mut stream);
             let mut blocks = vec![Block { is_good: true, is_compared: true, restarts: false }; 20_000];
             blocks[9_000] = Block { is_good: false, is_compared: false, restarts: true };
             let (mut state, mut angle, mut rate) = (1u64, 0.0, 0.0);
@@ -243,7 +252,8 @@ mod tests {
                 .map(|block| {
                     let of_node = |_| {
                         rate += noise.rate_walk * step_s.sqrt() * normal();
-                        angle += rate * step_s + noise.angle_walk * step_s.sqrt() * normal();
+                        let drift = rate + flicker / S_PER_H * processes.advance(step_s, &mut stream);
+                        angle += drift * step_s + noise.angle_walk * step_s.sqrt() * normal();
                         angle
                     };
                     let average = (0..BLOCK).map(of_node).sum::<f64>() / BLOCK as f64;
@@ -256,6 +266,9 @@ mod tests {
             let neighbours = white.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>() / 19_997.0;
             // Four deviations: √(2/20 000) and √(1/20 000).
             assert!((variance - 1.0).abs() < 0.04 && neighbours.abs() < 0.029, "{variance} {neighbours}");
+            // 200 sums; four deviations of their variance, √(2/200).
+            let slow = white.chunks(100).map(|some| some.iter().sum::<f64>().powi(2) / 100.0).sum::<f64>() / 200.0;
+            assert!((slow - 1.0).abs() < 0.4, "{slow}");
             assert_eq!(white[9_001], 0.0);
         }
     }

@@ -13,7 +13,7 @@ use geu_model::Configuration;
 
 use crate::recorded::{manoeuvre, recorded};
 
-const NOISE: NoiseModel = NoiseModel { white: 0.01, angle_walk: 0.02, rate_walk: 2e-5, scale_walk: 0.0 };
+const NOISE: NoiseModel = NoiseModel { white: 0.01, angle_walk: 0.02, rate_walk: 2e-5, scale_walk: 0.0, flicker: 0.0 };
 
 fn hypothesis(code: &str, gyro: usize, value: f64) -> Hypothesis {
     let kinds = AmplitudeRef::all().into_iter().flat_map(|one| [Some(one), one.with(1), one.with(2)]).flatten();

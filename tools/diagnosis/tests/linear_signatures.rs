@@ -13,7 +13,7 @@ use geu_model::parameter_spec::Role;
 
 use crate::recorded::{manoeuvre, recorded};
 
-const NOISE: NoiseModel = NoiseModel { white: 0.01, angle_walk: 0.02, rate_walk: 2e-5, scale_walk: 0.0 };
+const NOISE: NoiseModel = NoiseModel { white: 0.01, angle_walk: 0.02, rate_walk: 2e-5, scale_walk: 0.0, flicker: 0.0 };
 /// Root of the sum of squares from which a derivative is compared.
 const VISIBLE_ARCSEC: f64 = 1e-4;
 

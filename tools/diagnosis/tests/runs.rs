@@ -64,7 +64,7 @@ fn the_model_is_linear_between_the_points_of_the_grid() {
     let turn = manoeuvre("z-scan", &[("angle_deg", 360.0)]);
     let measured = recorded(&nominal, &[rest.clone(), turn, rest], None);
     let mut case = DiagnosisCase::new(&measured, &nominal);
-    let noise = NoiseModel { white: 0.01, angle_walk: 0.02, rate_walk: 2e-5, scale_walk: 0.0 };
+    let noise = NoiseModel { white: 0.01, angle_walk: 0.02, rate_walk: 2e-5, scale_walk: 0.0, flicker: 0.0 };
     let mut state = case.start([noise; CHANNELS]);
     let mut add = |of_number: [f64; 5], lag_s: f64| {
         for (value, (_, number)) in state.calibration.iter_mut().zip(calibration_parameters()) {

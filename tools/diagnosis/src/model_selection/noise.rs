@@ -15,6 +15,12 @@ use geu_hypothesis::Hypothesis;
 
 use super::selected::{FURTHER_WALK_CHI2, IdentifiedNoise, SelectedModel};
 
+/// χ² reduction, in thresholds, from which a drift is certain beside a larger noise of the drift. Static recordings of real gyros (six of an
+/// ADIS16405, 2.8 h each) reach twice the threshold beside the likeliest walk or flicker.
+const CERTAIN: f64 = 3.0;
+/// Unit of drifts, with what they are proportional to.
+const DRIFT_UNIT: &str = "arcsec/h";
+
 /// Fitted walks of a residual, of which those of a channel hold until one is accepted on it; `None` if it is not larger.
 type KnownWalks = BTreeMap<(usize, Walk), Option<IdentifiedNoise>>;
 
@@ -40,7 +46,7 @@ impl SelectedModel {
             }
         }
         // Walks that exceed the threshold only together.
-        for walk in [Walk::Rate, Walk::Angle, Walk::Scale] {
+        for walk in [Walk::Rate, Walk::Angle, Walk::Scale, Walk::Flicker] {
             let larger = self.larger_walks(case, &[0, 1, 2, 3].map(|gyro| (gyro, walk)), &mut known);
             let fall: f64 = larger.iter().map(|found| found.fitted.fall).sum();
             let further = FURTHER_WALK_CHI2 * larger.len().saturating_sub(1) as f64;
@@ -89,6 +95,27 @@ impl SelectedModel {
         let white = |channel: usize| noise::fit_white(case, channel, &self.state.noise[channel], &residual, &nuisances);
         let all: Vec<_> = (0..CHANNELS).into_par_iter().map(white).collect();
         std::array::from_fn(|channel| all[channel])
+    }
+
+    /// Removes drifts beside a larger noise of the drift on their gyros if their χ² reduction is not [`CERTAIN`] times their threshold, and fits
+    /// the noise again: the drift of a real gyro is neither quite a walk nor quite a flicker, and what either leaves may be described by a drift.
+    pub fn drop_drifts_beside_noise(&mut self, case: &DiagnosisCase, thresholds: &Thresholds) {
+        let is_doubtful = |own: &SelectedModel, index: usize| {
+            let Hypothesis { amplitude, gyros, .. } = &own.state.held[index].hypothesis;
+            let is_noisy = |found: &IdentifiedNoise| {
+                let is_drift = matches!(found.walk, Walk::Rate | Walk::Flicker);
+                is_drift && gyros.get(found.channel) == Some(&true) && found.is_significant(case.nominal, &own.state)
+            };
+            amplitude.constant().number().unit.starts_with(DRIFT_UNIT) && own.noise.iter().any(is_noisy) && {
+                let (_, _, chi2) = own.without(case, index);
+                chi2.fall < CERTAIN * chi2.threshold
+            }
+        };
+        while let Some(index) = (0..self.state.held.len()).find(|&index| is_doubtful(self, index)) {
+            self.remove(index);
+            self.normal = case.fit(&mut self.state);
+            self.free_noise(case, thresholds);
+        }
     }
 
     /// Resets the walks of these gyros to their configured growth.

@@ -61,7 +61,9 @@ pub fn quantity(entry: &DiagnosedEffect, number: &EstimatedValue) -> String {
         (None, Some(_)) => String::new(),
         (None, None) => unit(&number.name),
     };
-    format!("{} {unit}", with_sigma(number)).trim_end().to_owned()
+    let is_fixed = entry.chi2.is_some() && number.sigma.is_none() && number.written.is_none();
+    let fixed = if is_fixed { ", not fitted" } else { "" };
+    format!("{}{fixed}", format!("{} {unit}", with_sigma(number)).trim_end())
 }
 
 /// An alternative's name, with its gyros if the effect has others.
@@ -74,7 +76,8 @@ fn plain(value: f64) -> String {
     if value != 0.0 && (value.abs() < 1e-3 || value.abs() >= 1e6) {
         format!("{value:.3e}")
     } else {
-        format!("{value:.4}")
+        let decimals = (4.0 - value.abs().log10().floor()).clamp(0.0, 4.0) as usize;
+        format!("{value:.decimals$}")
     }
 }
 
@@ -209,7 +212,7 @@ mod tests {
         let lines = labelled(4, &facts(&entry));
         for line in [
             "    clearance_arcsec     11.523 ± 0.041 arcsec",
-            "    preferred_arcsec     0.0000 arcsec",
+            "    preferred_arcsec     0.0000 arcsec, not fitted",
             "    share of the gap     70 %",
             "    fall of chi2         69651 (threshold 15)",
             "    next best            lost-counts, explains 14 % of that fall",

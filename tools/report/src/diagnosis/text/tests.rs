@@ -75,7 +75,7 @@ fn diagnosis(verdict: Verdict, entries: Vec<DiagnosedEffect>, findings: usize) -
         left: Default::default(),
         lag_s: (0.0, 0.001),
         temperature_late_s: 0.0,
-        noise: [NoiseModel { white: 0.01, angle_walk: 0.02, rate_walk: 2e-5, scale_walk: 0.0 }; CHANNELS],
+        noise: [NoiseModel { white: 0.01, angle_walk: 0.02, rate_walk: 2e-5, scale_walk: 0.0, flicker: 0.0 }; CHANNELS],
     }
 }
 
