@@ -97,7 +97,7 @@ impl SelectedModel {
         std::array::from_fn(|channel| all[channel])
     }
 
-    /// Removes drifts beside a larger noise of the drift on their gyros if their χ² reduction is not [`CERTAIN`] times their threshold, and fits
+    /// Removes drifts beside a larger noise of the drift on their gyros if their χ² reduction is below three thresholds, and fits
     /// the noise again: the drift of a real gyro is neither quite a walk nor quite a flicker, and what either leaves may be described by a drift.
     pub fn drop_drifts_beside_noise(&mut self, case: &DiagnosisCase, thresholds: &Thresholds) {
         let is_doubtful = |own: &SelectedModel, index: usize| {
