@@ -1,6 +1,6 @@
 //! Whitening filter of an accumulated angle: noise becomes white, of variance 1.
 //!
-//! A Kalman filter of angle, drift rate and rounding error predicts each block from those before it; the innovation over its own
+//! A Kalman filter of angle, drift rate, flicker and rounding error predicts each block from those before it; the innovation over its own
 //! deviation is white. The filter is linear and independent of the data, thus the same for a residual and for every signature (Willsky and Jones).
 //! After a restart of the sum the first block only initialises the angle.
 
@@ -11,7 +11,7 @@ use std::hash::Hasher;
 use crate::measured::Block;
 use crate::rounding::BlockRounding;
 
-use covariance::{Covariance, Gains, SLOW, slow_decays};
+use covariance::{Covariance, OfState, SLOW, slow_decays};
 
 /// Noise of one channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -65,10 +65,10 @@ impl Whitening {
         let step = |(number, block): (usize, &Block)| {
             let own = rounding[number];
             let white = noise.white * own.white_scale;
-            let angle = covariance.angle_growth(noise.scale_walk.powi(2) * own.scale_walk + own.reference_walk);
+            let angle = covariance.angle_walk + noise.scale_walk.powi(2) * own.scale_walk + own.reference_walk;
             anew |= block.restarts;
             let average = covariance.advance(angle, white);
-            let (mut gains, mut weight) = (Gains::default(), 0.0);
+            let (mut gains, mut weight) = (OfState::default(), 0.0);
             if block.is_compared && std::mem::take(&mut anew) {
                 gains = covariance.restart(angle, white);
             } else if block.is_compared {
@@ -87,8 +87,8 @@ impl Whitening {
                 if own.variance > 0.0 { correlation * (next.variance / own.variance).sqrt() } else { 0.0 };
             covariance.next_error(persistence, next.variance * (1.0 - correlation * correlation));
             gains.error *= persistence;
-            let remainder = 1.0 - gains.angle - covariance.turn_gain(&gains) - gains.error;
-            let (turn, slow) = covariance.turn_gains(&gains);
+            let remainder = 1.0 - gains.angle - covariance.turn_to_mean(&gains) - gains.error;
+            let (turn, slow) = covariance.turns(&gains);
             slow_gains.extend(covariance.has_flicker().then_some(slow));
             Step { remainder, gains: [turn, gains.error], persistence, weight }
         };
@@ -109,13 +109,20 @@ impl Whitening {
 
     /// Whitens a series by each of two filters. An innovation waits for the one before, so that two take as long as one.
     pub fn apply_both(filters: [&Whitening; 2], from: usize, series: [&[f64]; 2]) -> [Vec<f64>; 2] {
-        if filters.iter().any(|own| !own.slow_gains.is_empty()) {
-            return [0, 1].map(|own| filters[own].apply_with_flicker(from, series[own]));
+        match filters.iter().any(|own| !own.slow_gains.is_empty()) {
+            true => Whitening::apply_with::<true>(filters, from, series),
+            false => Whitening::apply_with::<false>(filters, from, series),
         }
+    }
+
+    fn apply_with<const FLICKER: bool>(filters: [&Whitening; 2], from: usize, series: [&[f64]; 2]) -> [Vec<f64>; 2] {
         let blocks = series[0].len().min(series[1].len());
         let (steps, series) = (filters.map(|own| &own.steps[from..from + blocks]), series.map(|own| &own[..blocks]));
+        let slow_gains = filters.map(|own| own.slow_gains.get(from..).unwrap_or_default());
+        let decays = slow_decays();
         // What the innovation before leaves in this one, the turn by the rate, and the rounding error.
         let [mut left, mut turn, mut error, mut before, mut predicted] = [[0.0; 2]; 5];
+        let mut slow_turns = [[0.0; SLOW]; 2];
         let mut white = series.map(|_| vec![0.0; blocks]);
         for block in 0..blocks {
             for (own, white) in white.iter_mut().enumerate() {
@@ -126,46 +133,31 @@ impl Whitening {
                 predicted[own] = turn[own] + (step.persistence - 1.0) * error[own];
                 turn[own] += step.gains[0] * innovation;
                 error[own] = step.persistence * error[own] + step.gains[1] * innovation;
+                if FLICKER && let Some(gains) = slow_gains[own].get(block) {
+                    for ((turn, decay), gain) in slow_turns[own].iter_mut().zip(decays).zip(gains) {
+                        predicted[own] += *turn;
+                        *turn = decay * *turn + gain * innovation;
+                    }
+                }
                 white[block] = innovation * step.weight;
             }
         }
         white
     }
 
-    /// Whitens a series by a filter with flicker or without.
-    fn apply_with_flicker(&self, from: usize, series: &[f64]) -> Vec<f64> {
-        let (steps, slow) = (&self.steps[from..], self.slow_gains.get(from..).unwrap_or_default());
-        let (mut left, mut turn, mut error, mut before, mut predicted) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        let mut slow_turns = [0.0; SLOW];
-        let white = |(block, &measured): (usize, &f64)| {
-            let step = &steps[block];
-            let innovation = (measured - before - predicted) + left;
-            before = measured;
-            left = step.remainder * innovation;
-            predicted = turn + slow_turns.iter().sum::<f64>() + (step.persistence - 1.0) * error;
-            turn += step.gains[0] * innovation;
-            error = step.persistence * error + step.gains[1] * innovation;
-            if let Some(gains) = slow.get(block) {
-                let turns = slow_turns.iter_mut().zip(slow_decays()).zip(gains);
-                turns.for_each(|((turn, decay), gain)| *turn = decay * *turn + gain * innovation);
-            }
-            innovation * step.weight
-        };
-        series.iter().enumerate().map(white).collect()
-    }
-
     /// Derivatives of the product of `white` with a whitened series by the increments of that series.
     pub fn transposed(&self, white: &[f64]) -> Vec<f64> {
         let mut derivatives = vec![0.0; white.len()];
         let (mut innovation, mut turn, mut error) = (0.0, 0.0, 0.0);
-        let mut slow_turns = [0.0; SLOW];
+        let (mut slow_turns, decays) = ([0.0; SLOW], slow_decays());
         for (block, (white, derivative)) in white.iter().zip(&mut derivatives).enumerate().rev() {
             let (step, later) = (&self.steps[block], innovation);
             innovation = step.weight * white + step.remainder * later + step.gains[0] * turn + step.gains[1] * error;
             if let Some(gains) = self.slow_gains.get(block) {
-                innovation += slow_turns.iter().zip(gains).map(|(turn, gain)| turn * gain).sum::<f64>();
-                let turns = slow_turns.iter_mut().zip(slow_decays());
-                turns.for_each(|(turn, decay)| *turn = decay * *turn - later);
+                for ((turn, decay), gain) in slow_turns.iter_mut().zip(decays).zip(gains) {
+                    innovation += gain * *turn;
+                    *turn = decay * *turn - later;
+                }
             }
             turn -= later;
             error = step.persistence * error - (step.persistence - 1.0) * later;

@@ -59,25 +59,28 @@ pub fn slow_decays() -> [f64; SLOW] {
     std::array::from_fn(|slow| decay(CORRELATION_TIMES_S[1 + slow]))
 }
 
-/// Gains on the state at the end of a block.
+/// A value for each part of the state at the end of a block.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Gains {
+pub struct OfState {
     pub angle: f64,
     rates: OfRates,
     pub error: f64,
 }
 
-/// Covariances of a block's average with the state at the end of the block, and its own variance.
+/// The average of a block.
 pub struct Average {
-    with: Gains,
+    /// Covariances with the state.
+    with: OfState,
+    /// Variance.
     pub variance: f64,
 }
 
-/// The covariance. At the start the angle is free, since a common time shift changes the angle before.
+/// The covariance of angle (a), rates (r) and rounding error (e). At the start the angle is free, since a common time shift changes the
+/// angle before.
 pub struct Covariance {
     rates: Vec<Rate>,
-    /// Growth of the angle's variance over a block by walk and flicker.
-    angle_walk: f64,
+    /// Growth of the angle's variance over a block by angle random walk and flicker.
+    pub angle_walk: f64,
     aa: f64,
     ar: OfRates,
     rr: [OfRates; RATES],
@@ -107,11 +110,6 @@ impl Covariance {
         self.rates.len() > 1
     }
 
-    /// Growth of the angle's variance over a block, with what else it grows by.
-    pub fn angle_growth(&self, additional: f64) -> f64 {
-        self.angle_walk + additional
-    }
-
     /// Turn with these rates up to the mean time of the average, 0, or up to the end, 1.
     fn turn(&self, values: &OfRates, end: usize) -> f64 {
         self.rates.iter().zip(values).map(|(rate, value)| rate.turns_s[end] * value).sum()
@@ -135,7 +133,7 @@ impl Covariance {
         }
         let [ar_mean, ar_end] = [0, 1].map(|end| self.turn(&self.ar, end));
         let [re_mean, re_end] = [0, 1].map(|end| self.turn(&self.re, end));
-        let with = Gains {
+        let with = OfState {
             angle: self.aa + ar_mean + ar_end + self.turn(&at_mean, 1) + MEAN * angle + self.ae + re_end,
             rates,
             error: self.ae + re_mean + self.ee,
@@ -156,7 +154,7 @@ impl Covariance {
     }
 
     /// Takes the average of the block as the angle: that at the end is the average and what came after its mean time.
-    pub fn restart(&mut self, angle: f64, white: f64) -> Gains {
+    pub fn restart(&mut self, angle: f64, white: f64) -> OfState {
         let (left_s, count) = (BLOCK_S - MEAN * BLOCK_S, self.rates.len());
         let rest = (1.0 - 2.0 * MEAN + VARIANCE) * angle;
         let summed: OfRates = std::array::from_fn(|rate| self.rr[..count].iter().map(|with| with[rate]).sum());
@@ -165,13 +163,13 @@ impl Covariance {
             white + rest + left_s * left_s * summed[..count].iter().sum::<f64>() + self.ee - 2.0 * left_s * errors;
         self.ar = std::array::from_fn(|rate| left_s * summed[rate] - self.re[rate]);
         self.ae = left_s * errors - self.ee;
-        Gains { angle: 1.0, ..Gains::default() }
+        OfState { angle: 1.0, ..OfState::default() }
     }
 
     /// Takes the average into account.
-    pub fn correct(&mut self, average: &Average) -> Gains {
+    pub fn correct(&mut self, average: &Average) -> OfState {
         let Average { with, variance } = average;
-        let gains = Gains {
+        let gains = OfState {
             angle: with.angle / variance,
             rates: with.rates.map(|covariance| covariance / variance),
             error: with.error / variance,
@@ -196,13 +194,13 @@ impl Covariance {
         self.ee = persistence * persistence * self.ee + growth;
     }
 
-    /// Share of an innovation in the turn up to the mean time of the next block.
-    pub fn turn_gain(&self, gains: &Gains) -> f64 {
+    /// Turn by an innovation with these gains, up to the mean time of the next block.
+    pub fn turn_to_mean(&self, gains: &OfState) -> f64 {
         self.turn(&gains.rates, 0)
     }
 
-    /// Share of an innovation in the turn from one average to the next, by the random walk and by each slow process.
-    pub fn turn_gains(&self, gains: &Gains) -> (f64, [f64; SLOW]) {
+    /// Turns by an innovation with these gains, from that average to the one after: by the random walk and by each slow process.
+    pub fn turns(&self, gains: &OfState) -> (f64, [f64; SLOW]) {
         let of_rate = |rate: usize| {
             let own = self.rates.get(rate)?;
             Some((own.turns_s[1] + own.turns_s[0] * (own.left - 1.0)) * gains.rates[rate])
