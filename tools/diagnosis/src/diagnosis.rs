@@ -18,7 +18,7 @@ use crate::noise;
 use crate::null_distribution::kurtosis_limits;
 use crate::outcome::{Class, DiagnosedEffect, Diagnosis, Gaps, Verdict};
 use crate::report::admission::{self, SquaredGap, refuse};
-use crate::residual_map::{SIGNIFICANT, residual_maps, strongest};
+use crate::residual_map::residual_maps;
 use crate::residual_stats::{self, residual, windowed};
 use crate::shares::Shares;
 use crate::solution::{DiagnosisOptions, Solution};
@@ -168,15 +168,10 @@ impl Report<'_> {
             let (_, channels) = whiteness_statistic(left);
             std::array::from_fn(|gyro| channels[gyro] > thresholds.whiteness_statistic || overfitted[gyro])
         };
-        selected.drop_drifts_beside_noise(case, thresholds);
         let mut overfitted = selected.overfitted_gyros(case.nominal);
-        let beside_zone = selected.beside_nonlinear_filter(self.entries.bank);
-        overfitted.iter_mut().zip(beside_zone).for_each(|(overfitted, is_beside)| *overfitted |= is_beside);
-        // Noise follows no variable of the motion.
-        let [map] = residual_maps(case, &selected.state.noise, [&case.run(&selected.state)], &[]);
-        let follows =
-            map.whole.iter().map(|gyro| strongest(gyro).is_some_and(|(_, sigmas)| sigmas.abs() > SIGNIFICANT));
-        overfitted.iter_mut().zip(follows).for_each(|(overfitted, follows)| *overfitted |= follows);
+        for other in [selected.beside_nonlinear_filter(self.entries.bank), selected.following_variables(case)] {
+            overfitted.iter_mut().zip(other).for_each(|(overfitted, other)| *overfitted |= other);
+        }
         let left = selected.normal.projected_residual();
         // A random walk is Gaussian and stationary: a residual with bursts, or that grows in one third only, is none.
         let (residual, nuisances) = case.linearised(&mut selected.state);

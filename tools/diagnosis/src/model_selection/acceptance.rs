@@ -8,20 +8,27 @@ use crate::diagnosis_case::DiagnosisCase;
 use crate::fitted_hypothesis::FittedHypothesis;
 use crate::measured::TIMING;
 use crate::model_state::ModelState;
+use crate::noise::Walk;
 use crate::normal_equations::NormalEquations;
 use crate::null_distribution::Thresholds;
+use crate::residual_map::{SIGNIFICANT, residual_maps, strongest};
 use crate::search::{Candidate, passes_cross_validation, search};
 use crate::signature::Signature;
 use crate::signature_bank::SignatureBank;
 use crate::significance::{THREE_SIGMA_CHI2, THREE_SIGMAS};
+use geu_hypothesis::Hypothesis;
 use geu_hypothesis::gyros::{Gyros, only};
 
-use super::noise::rate_walk_fall;
+use super::noise::drift_noise_fall;
 use super::selected::{MAX_PER_GYRO, RejectedHypothesis, SelectedModel};
 
 /// A smaller share of the whole χ² reduction may be an error of the other hypotheses: a signature with a cosine of 0.995 to the true
 /// one leaves as much.
 const NEGLIGIBLE: f64 = 0.01;
+/// Factor of a drift's threshold beside a noise of the drift that was fitted: three hours have about sixteen stretches of ten minutes that
+/// show how large this noise is in a drift. Student's t with sixteen degrees of freedom reaches three times a χ² of 28 as rarely as a normal
+/// variable reaches 28.
+const FEW_SAMPLES: f64 = 3.0;
 
 /// A χ² reduction that is negligible against that of all hypotheses and the lag, with calibration parameters fitted in any case.
 pub(super) fn negligible(case: &DiagnosisCase, state: &ModelState, normal: &NormalEquations) -> f64 {
@@ -29,6 +36,11 @@ pub(super) fn negligible(case: &DiagnosisCase, state: &ModelState, normal: &Norm
     let start = case.residual(&case.start(state.noise));
     let without = NormalEquations::new(case.whitenings(&state.noise), &start, calibration, &[]);
     NEGLIGIBLE * (without.chi2() - normal.chi2())
+}
+
+/// True for a drift, in proportion to a temperature or not.
+fn is_drift(hypothesis: &Hypothesis) -> bool {
+    hypothesis.amplitude.constant().number().unit.starts_with("arcsec/h")
 }
 
 impl SelectedModel {
@@ -48,6 +60,14 @@ impl SelectedModel {
                 let (state, normal, chi2) = self.without(case, index);
                 margin(&state, &normal).is_some_and(|best| best > chi2.fall - chi2.threshold)
             })
+    }
+
+    /// True if a walk or flicker of the drift is above its configured growth on one of these gyros.
+    fn has_larger_drift_noise(&self, nominal: &Configuration, gyros: &Gyros) -> bool {
+        self.noise.iter().any(|found| {
+            let is_of_drift = matches!(found.walk, Walk::Rate | Walk::Flicker);
+            is_of_drift && gyros.get(found.channel) == Some(&true) && found.is_significant(nominal, &self.state)
+        })
     }
 
     fn is_noisy(&self, nominal: &Configuration) -> bool {
@@ -121,6 +141,13 @@ impl SelectedModel {
         std::array::from_fn(|gyro| self.on(gyro).count() > 1 && self.on(gyro).any(|(_, held)| is_nonlinear(held)))
     }
 
+    /// Gyros of which the residual follows a variable of the residual map, which noise does not; by more than the errors of the hypotheses.
+    pub fn following_variables(&self, case: &DiagnosisCase) -> Gyros {
+        let [map] = residual_maps(case, &self.state.noise, [&case.run(&self.state)], &[]);
+        let limit = self.negligible(case).sqrt().max(SIGNIFICANT);
+        std::array::from_fn(|gyro| strongest(&map.whole[gyro]).is_some_and(|(_, sigmas)| sigmas.abs() > limit))
+    }
+
     /// Rejects a candidate, beside those rejected on other gyros: the score with all of them, with the white noise fitted without. Where
     /// angles are dequantised, the signatures of small motions contain the rounding that the motion answers, so that a candidate that is
     /// not acceptable is no evidence.
@@ -158,7 +185,8 @@ impl SelectedModel {
 
     /// Removes each hypothesis whose χ² reduction beside all others is less than its penalty, or without which the score is lower, each time
     /// with the white noise fitted again: noise fitted beside a hypothesis weights what it explains. With walks above their configured
-    /// growth the penalty is too low: then a hypothesis must also be better than a walk in its place. Returns true if one was removed.
+    /// growth the penalty is too low: then a hypothesis must also be better than a walk or flicker in its place, and a drift beside a larger
+    /// noise of the drift must exceed three thresholds. Returns true if one was removed.
     pub fn prune(&mut self, case: &DiagnosisCase, thresholds: &Thresholds) -> bool {
         let is_noisy = self.is_noisy(case.nominal);
         let count = self.state.held.len();
@@ -169,9 +197,11 @@ impl SelectedModel {
                 let chi2 = self.chi2_fall(case, index);
                 let mut others = self.without_all(case, &[index]);
                 let hypothesis = &self.state.held[index].hypothesis;
-                let walk = if is_noisy { rate_walk_fall(case, &mut others.state, hypothesis) } else { 0.0 };
+                let walk = if is_noisy { drift_noise_fall(case, &mut others.state, hypothesis) } else { 0.0 };
                 let noise = others.fitted_white(case);
-                let margin = (chi2.fall - chi2.threshold).min(others.score_with(case, thresholds, &noise) - score);
+                let is_uncertain = is_drift(hypothesis) && self.has_larger_drift_noise(case.nominal, &hypothesis.gyros);
+                let threshold = if is_uncertain { FEW_SAMPLES * chi2.threshold } else { chi2.threshold };
+                let margin = (chi2.fall - threshold).min(others.score_with(case, thresholds, &noise) - score);
                 (margin - walk, others)
             };
             let all: Vec<_> = (0..self.state.held.len()).into_par_iter().map(without).collect();

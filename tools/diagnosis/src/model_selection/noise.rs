@@ -1,4 +1,4 @@
-//! Random walks above their configured growth, instead of effects or beside them.
+//! Random walks and flicker above their configured growth, instead of effects or beside them.
 
 use std::collections::BTreeMap;
 
@@ -14,12 +14,6 @@ use crate::whitening::NoiseModel;
 use geu_hypothesis::Hypothesis;
 
 use super::selected::{FURTHER_WALK_CHI2, IdentifiedNoise, SelectedModel};
-
-/// χ² reduction, in thresholds, from which a drift is certain beside a larger noise of the drift. Static recordings of real gyros (six of an
-/// ADIS16405, 2.8 h each) reach twice the threshold beside the likeliest walk or flicker.
-const CERTAIN: f64 = 3.0;
-/// Unit of drifts, with what they are proportional to.
-const DRIFT_UNIT: &str = "arcsec/h";
 
 /// Fitted walks of a residual, of which those of a channel hold until one is accepted on it; `None` if it is not larger.
 type KnownWalks = BTreeMap<(usize, Walk), Option<IdentifiedNoise>>;
@@ -97,27 +91,6 @@ impl SelectedModel {
         std::array::from_fn(|channel| all[channel])
     }
 
-    /// Removes drifts beside a larger noise of the drift on their gyros if their χ² reduction is below three thresholds, and fits
-    /// the noise again: the drift of a real gyro is neither quite a walk nor quite a flicker, and what either leaves may be described by a drift.
-    pub fn drop_drifts_beside_noise(&mut self, case: &DiagnosisCase, thresholds: &Thresholds) {
-        let is_doubtful = |own: &SelectedModel, index: usize| {
-            let Hypothesis { amplitude, gyros, .. } = &own.state.held[index].hypothesis;
-            let is_noisy = |found: &IdentifiedNoise| {
-                let is_drift = matches!(found.walk, Walk::Rate | Walk::Flicker);
-                is_drift && gyros.get(found.channel) == Some(&true) && found.is_significant(case.nominal, &own.state)
-            };
-            amplitude.constant().number().unit.starts_with(DRIFT_UNIT) && own.noise.iter().any(is_noisy) && {
-                let (_, _, chi2) = own.without(case, index);
-                chi2.fall < CERTAIN * chi2.threshold
-            }
-        };
-        while let Some(index) = (0..self.state.held.len()).find(|&index| is_doubtful(self, index)) {
-            self.remove(index);
-            self.normal = case.fit(&mut self.state);
-            self.free_noise(case, thresholds);
-        }
-    }
-
     /// Resets the walks of these gyros to their configured growth.
     pub fn reset_noise(&mut self, case: &DiagnosisCase, gyros: &[bool; 4]) {
         let (reset, kept): (Vec<IdentifiedNoise>, _) =
@@ -133,14 +106,15 @@ impl SelectedModel {
     }
 }
 
-/// χ² reduction by a larger rate random walk on the gyros of a hypothesis, in its place.
-pub(super) fn rate_walk_fall(case: &DiagnosisCase, state: &mut ModelState, hypothesis: &Hypothesis) -> f64 {
+/// χ² reduction by a larger rate random walk or flicker on the gyros of a hypothesis, in its place.
+pub(super) fn drift_noise_fall(case: &DiagnosisCase, state: &mut ModelState, hypothesis: &Hypothesis) -> f64 {
     if hypothesis.amplitude.is_of_unit() {
         return 0.0;
     }
     let (residual, nuisances) = case.linearised(state);
     let of_channel = |channel: usize| {
-        noise::fit(case, channel, &state.noise[channel], Walk::Rate, &residual, &nuisances).fall.max(0.0)
+        let of_walk = |walk| noise::fit(case, channel, &state.noise[channel], walk, &residual, &nuisances).fall;
+        [Walk::Rate, Walk::Flicker].into_iter().map(of_walk).fold(0.0, f64::max)
     };
     (0..TIMING).filter(|&channel| hypothesis.gyros[channel]).map(of_channel).sum()
 }
