@@ -12,9 +12,10 @@ use crate::fitted_hypothesis::FittedHypothesis;
 use crate::linear_signatures::LinearSignatures;
 use crate::measured::{CHANNELS, MeasuredData, Series, Shifts};
 use crate::model_state::ModelState;
-use crate::normal_equations::{NormalEquations, Nuisance};
+use crate::normal_equations::{NormalEquations, Nuisance, THIRDS};
 use crate::recent::Recent;
 use crate::rounding::{Rounding, rounding};
+use crate::signature::Signature;
 use crate::whitening::{NoiseModel, Whitening};
 use geu_hypothesis::amplitude::calibration_parameters;
 
@@ -24,6 +25,8 @@ const STEPS: usize = 6;
 const CONVERGED: f64 = 0.01;
 /// Maximum relative difference between actual and predicted χ² reduction of a linear model.
 const LINEAR: f64 = 0.02;
+/// Share of the predicted χ² reduction that a step must reach, else it is halved: less means that it went past the minimum.
+const SUFFICIENT: f64 = 0.25;
 /// Maximum number of halvings of a step.
 const HALVINGS: usize = 5;
 
@@ -187,6 +190,22 @@ impl<'a> DiagnosisCase<'a> {
         self.column(&on_grid, &self.run(&on_grid), held, 0)
     }
 
+    /// Cross-validation ([`NormalEquations::cross_validate`]) of a hypothesis beside all others. Signatures are those at the state: a
+    /// calibration fitted without a large effect would be far away.
+    pub fn cross_validate(&self, state: &ModelState, index: usize) -> [Option<f64>; THIRDS] {
+        let signature = self.signature(state, index);
+        let mut others = state.clone();
+        let own = others.held[index].hypothesis.clone();
+        let value = own.value;
+        others.held[index] = FittedHypothesis::fixed(own);
+        let (mut residual, columns) = self.linearised(&mut others);
+        for (residual, signature) in residual.iter_mut().zip(&signature) {
+            residual.iter_mut().zip(signature.iter().flatten()).for_each(|(own, unit)| *own += value * unit);
+        }
+        let normal = NormalEquations::new(self.whitenings(&state.noise), &residual, &columns, &state.calibration);
+        Signature::new(&normal, &signature).cross_validate(&normal)
+    }
+
     /// Normal equations at a state.
     pub fn normal(&self, state: &mut ModelState) -> NormalEquations {
         let (residual, columns) = self.linearised(state);
@@ -220,12 +239,20 @@ impl<'a> DiagnosisCase<'a> {
             if predicted < CONVERGED {
                 break;
             }
-            let halved = |halving: usize| {
-                let mut tried = state.moved(&(&solution * 0.5f64.powi(halving as i32)));
+            let (mut sufficient, mut lower) = (None, None);
+            for halving in 0..HALVINGS {
+                let part = 0.5f64.powi(halving as i32);
+                let mut tried = state.moved(&(&solution * part));
                 let tried_normal = self.normal(&mut tried);
-                (tried_normal.squares() <= normal.squares()).then_some((tried, tried_normal))
-            };
-            let Some((tried, tried_normal)) = (0..HALVINGS).find_map(halved) else {
+                let reached = (normal.squares() - tried_normal.squares()) / (part * (2.0 - part) * predicted);
+                let tried = Some((tried, tried_normal));
+                if reached >= SUFFICIENT {
+                    sufficient = tried;
+                    break;
+                }
+                lower = lower.or(tried.filter(|_| reached >= 0.0));
+            }
+            let Some((tried, tried_normal)) = sufficient.or(lower) else {
                 if self.fit_without_onsets(state, &normal) {
                     normal = self.normal(state);
                 }

@@ -49,10 +49,10 @@ impl FittedHypothesis {
         }
     }
 
-    /// Sets its penalty and its cross-validation.
+    /// Sets its penalty.
     #[must_use]
-    pub fn with_penalty(self, penalty: f64, held_out: [Option<f64>; THIRDS]) -> FittedHypothesis {
-        FittedHypothesis { penalty, held_out, ..self }
+    pub fn with_penalty(self, penalty: f64) -> FittedHypothesis {
+        FittedHypothesis { penalty, ..self }
     }
 
     /// True if it is proportional to the temperature.

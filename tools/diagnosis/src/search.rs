@@ -28,12 +28,10 @@ pub struct Candidate {
     pub family: HypothesisFamily,
     /// Fit.
     pub gain: SignatureFit,
-    /// Cross-validation ([`NormalEquations::cross_validate`]).
+    /// Cross-validation ([`NormalEquations::cross_validate`]) before a fit.
     pub held_out: [Option<f64>; THIRDS],
     /// Signature.
     pub spot: Spot,
-    /// True if its signature is that of any value.
-    pub is_linear: bool,
     /// True if neighbouring values add much more or less in proportion.
     pub is_steep: bool,
     /// Value up to which it is not searched.
@@ -48,7 +46,6 @@ impl Candidate {
             family: spot.family(bank),
             gain: spot.gain,
             held_out: spot.signature(bank, normal).cross_validate(normal),
-            is_linear: bank.bases[spot.base].is_linear,
             is_steep: bank.bases[spot.base].is_steep(),
             unsearched: bank.unsearched(&bank.bases[spot.base]),
             spot,

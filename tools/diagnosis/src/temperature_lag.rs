@@ -88,11 +88,10 @@ pub fn likeliest(
     let hypothesis = Hypothesis { amplitude, value, course_shapes: Vec::new(), ..found.clone() };
     let fitted = |late_s: f64| {
         let mut own = state.clone();
-        let held_out = spot.signature(&bank.late(late_s), &others).cross_validate(&others);
-        own.held[index] =
-            FittedHypothesis::new(hypothesis.clone()).with_penalty(penalty(family, &hypothesis), held_out);
+        own.held[index] = FittedHypothesis::new(hypothesis.clone()).with_penalty(penalty(family, &hypothesis));
         own.set_temperature_lag(late_s);
         let normal = case.fit(&mut own);
+        own.held[index].held_out = case.cross_validate(&own, index);
         let lag_chi2 = lag_chi2(&own) - lag_chi2(state);
         let late = LaggedFit { state: own, normal, lag_chi2, index };
         is_accepted(&late).then_some(late)

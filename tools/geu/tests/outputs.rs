@@ -42,7 +42,7 @@ const CALIBRATE: &str =
 const DIAGNOSE: &str = "--config @unit.toml --link @quarter/link.log --reference @quarter/reference.csv";
 /// An effect that the recording hardly distinguishes from a dead zone.
 const AMBIGUOUS: &str =
-    "--set gyro.GYRX.output-axis-acceleration.seconds=0.02 --link @quarter/link.log --reference @quarter/reference.csv";
+    "--set gyro.GYRX.output-axis-acceleration.seconds=0.05 --link @quarter/link.log --reference @quarter/reference.csv";
 /// Options that name directories; `directories.rs` tests them.
 const DIRECTORIES: [&str; 5] =
     ["blind hide --out", "checkout --out", "run --record", "simulate --out", "simulate --svg"];

@@ -13,7 +13,6 @@ use crate::normal_equations::NormalEquations;
 use crate::null_distribution::Thresholds;
 use crate::residual_map::{SIGNIFICANT, residual_maps, strongest};
 use crate::search::{Candidate, passes_cross_validation, search};
-use crate::signature::Signature;
 use crate::signature_bank::SignatureBank;
 use crate::significance::{THREE_SIGMA_CHI2, THREE_SIGMAS};
 use geu_hypothesis::Hypothesis;
@@ -85,10 +84,7 @@ impl SelectedModel {
 
     /// Cross-validates each hypothesis beside the others.
     pub fn cross_validate(&mut self, case: &DiagnosisCase) {
-        let held_out = |index: usize| {
-            let (_, normal, _) = self.without(case, index);
-            Signature::new(&normal, &case.signature(&self.state, index)).cross_validate(&normal)
-        };
+        let held_out = |index: usize| case.cross_validate(&self.state, index);
         let all: Vec<_> = (0..self.state.held.len()).into_par_iter().map(held_out).collect();
         self.state.held.iter_mut().zip(all).for_each(|(held, own)| held.held_out = own);
     }

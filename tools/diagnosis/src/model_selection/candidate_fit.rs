@@ -8,7 +8,6 @@ use crate::model_state::ModelState;
 use crate::normal_equations::{NormalEquations, THIRDS};
 use crate::null_distribution::Thresholds;
 use crate::search::{Candidate, shape_penalty};
-use crate::signature::Signature;
 use crate::signature_bank::{PARTS, SIZE_FACTOR};
 use crate::spots::Spot;
 use geu_hypothesis::Hypothesis;
@@ -84,7 +83,7 @@ pub(super) fn fitted(
     let penalty = thresholds.penalty(candidate.family, &candidate.hypothesis);
     let fit_from = |start: &ModelState, hypothesis: Hypothesis| {
         let mut tried = start.clone();
-        tried.held.push(FittedHypothesis::new(hypothesis).with_penalty(penalty, candidate.held_out));
+        tried.held.push(FittedHypothesis::new(hypothesis).with_penalty(penalty));
         let tried_normal = fit_last(case, &mut tried);
         (tried, tried_normal)
     };
@@ -97,11 +96,7 @@ pub(super) fn fitted(
         false => fit_from(state, own.clone()),
     };
     let last = tried.held.len() - 1;
-    if !candidate.is_linear {
-        // The signature of the search is that of another value.
-        let signature = case.signature(&tried, last);
-        tried.held[last].held_out = Signature::new(normal, &signature).cross_validate(normal);
-    }
+    tried.held[last].held_out = case.cross_validate(&tried, last);
     let held = &tried.held[last];
     let fall = normal.squares() - tried_normal.squares() - penalty;
     let is_searched = held.hypothesis.value > candidate.unsearched;
