@@ -305,6 +305,7 @@ fn noises_are_named() {
         PlantedEffect::new("angle-random-walk", &GYROS, &[("arcsec_per_sqrt_s", 0.1)]),
         PlantedEffect::new("drift-random-walk", &GYROS, &[("arcsec_per_s_per_sqrt_s", 2e-4)]),
         PlantedEffect::new("drift-random-walk", Y, &[("arcsec_per_s_per_sqrt_s", 2e-4)]),
+        PlantedEffect::new("bias-instability", &GYROS, &[("arcsec_per_h", 20.0)]),
     ] {
         assert_named(4, &[injected]);
     }

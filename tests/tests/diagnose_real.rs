@@ -304,7 +304,7 @@ fn three_effects_on_three_gyros_are_named() {
     }
 }
 
-/// A false second effect of the time stamps, and lags of which the motion between slow rows contains a part.
+/// A false second effect of the time stamps, a wave longer than the recording, a course with an onset in a rest, and lags of which the motion between slow rows contains a part.
 #[test]
 #[ignore = "minutes; .ci/run has it"]
 fn an_effect_against_a_noisy_reference_is_named_alone() {
@@ -314,7 +314,13 @@ fn an_effect_against_a_noisy_reference_is_named_alone() {
     let late = effect("time-offset-ramp", &all, &[("seconds_per_day", 6.5015e-2)]);
     let lag = effect("sensor-lag-step", &[Gyro::X], &[("time_constant_s", 1.3604e-2), ("time_s", 3936.2)]);
     let quaternions = |steps: usize, sigma_arcsec: f64| ReferenceKind::Quaternions { steps, sigma_arcsec };
+    let wave = [("amplitude_ppm", 11.264), ("period_s", 9812.1), ("phase_rad", 0.83244)];
+    let wave = effect("scale-factor-periodic", &[Gyro::Y], &wave);
+    let settling = [("ppm", -186.46), ("time_s", 6530.1), ("time_constant_s", 1520.7)];
+    let settling = effect("scale-factor-asymmetry-settling", &[Gyro::Y], &settling);
     for (seed, motion, reference, injected) in [
+        (9_969_866_611, MotionKind::Survey, quaternions(10, 1.0), &wave),
+        (9_969_916_608, MotionKind::RateTable, quaternions(400, 3.0), &settling),
         (9_757_030_681, MotionKind::QuietSurvey, quaternions(40, 5.0), &ramp),
         (395, MotionKind::ClosedLoop, quaternions(400, 3.0), &late),
         (396, MotionKind::RateTable, quaternions(400, 3.0), &lag),
@@ -337,10 +343,26 @@ fn sparse_rates_yield_no_name() {
 #[test]
 #[ignore = "minutes; .ci/run has it"]
 fn a_product_with_the_time_is_no_trend_of_the_catalogue() {
-    let product = PlantedEffect::new("product temperature*time", &[Gyro::Zb], &[("coefficient", -2.7366e-2)]);
-    let diagnosis = diagnosed(&IndependentModel::new(397, vec![product]), as_recorded);
-    let names: Vec<String> = missing(&diagnosis).map(report::heading).collect();
-    assert_eq!(names, ["GYRZB: discovered term temperature*time"]);
+    for (seed, motion, product, gyro, coefficient) in [
+        (397, MotionKind::Survey, "temperature*time", Gyro::Zb, -2.7366e-2),
+        (9_969_924_609, MotionKind::ClosedLoop, "acceleration_x*time", Gyro::Za, -6.5325e-3),
+    ] {
+        let planted = PlantedEffect::new(&format!("product {product}"), &[gyro], &[("coefficient", coefficient)]);
+        let model = IndependentModel { motion, ..IndependentModel::new(seed, vec![planted]) };
+        let names: Vec<String> = missing(&diagnosed(&model, as_recorded)).map(report::heading).collect();
+        assert_eq!(names, [format!("{}: discovered term {product}", gyro.name())]);
+    }
+}
+
+/// The likeliest onset is narrower than the grid: a step and the end of a pulse, found between two motions.
+#[test]
+#[ignore = "minutes; .ci/run has it"]
+fn a_pulse_of_the_time_stamps_is_named_in_a_closed_loop() {
+    let pulse = [("seconds", -3.534e-4), ("time_s", 5461.6), ("duration_s", 2205.3)];
+    let pulse = PlantedEffect::new("time-offset-pulse", &GYROS, &pulse);
+    let motion = MotionKind::ClosedLoop;
+    let model = IndependentModel { motion, ..IndependentModel::new(10_077_924_940, vec![pulse.clone()]) };
+    assert_named(&diagnosed(&model, as_recorded), &pulse);
 }
 
 /// Found one by one, the first was another one: two of the temperature itself with a lag, a ramp on three gyros beside a larger walk, a wave

@@ -30,6 +30,8 @@ use geu_hypothesis::gyros::{ALL_GYROS, is_within, only};
 const LINK_LAG_S: (f64, f64) = (0.0025, 0.0025 / 1.732_050_807_568_877_2);
 /// Minimum cosine of equal signatures.
 const SAME_SIGNATURE: f64 = 0.999;
+/// Relative 1 sigma of a flicker by its model: the spectrum of processes one a decade is 0.89 to 1.05 times that of a flicker.
+const FLICKER_SIGMA: f64 = 0.05;
 /// Minimum number of reported alternatives, and maximum number of discriminating tests.
 const ALTERNATIVES: usize = 8;
 
@@ -132,9 +134,12 @@ impl Entries<'_> {
             }
         }
         let threshold = self.thresholds.required(HypothesisFamily::NOISE);
-        let of = |(hypothesis, sigma, fall): &(Hypothesis, f64, f64)| DiagnosedEffect {
-            chi2: Some(Chi2Fall { fall: *fall, threshold }),
-            ..effect(hypothesis, &[hypothesis.value * sigma])
+        let of = |(hypothesis, sigma, fall): &(Hypothesis, f64, f64)| {
+            let of_model = if hypothesis.amplitude == amplitude_of(Walk::Flicker) { FLICKER_SIGMA } else { 0.0 };
+            DiagnosedEffect {
+                chi2: Some(Chi2Fall { fall: *fall, threshold }),
+                ..effect(hypothesis, &[hypothesis.value * sigma.hypot(of_model)])
+            }
         };
         let mut entries: Vec<DiagnosedEffect> = all.iter().map(of).collect();
         // A further walk is accepted below its threshold; alone it is not stated.

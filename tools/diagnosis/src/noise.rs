@@ -36,7 +36,7 @@ const GROWTH_STEP: f64 = 0.5;
 /// Difference of the logarithms of white noises on that grid.
 const WHITE_STEP: f64 = 0.1;
 
-/// A random walk that may be larger than configured.
+/// A random walk or flicker that may be larger than configured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Walk {
     /// Angle random walk.

@@ -37,7 +37,7 @@ pub fn maximise(start: Variation, duration_s: f64, jumps: bool, of: &dyn Fn(&Var
     }
     let Variation::Course { kind, shapes } = start else { return (start, value) };
     let course = Course { kind, duration_s, jumps, of };
-    let from_step = if jumps { course.at_likeliest_step() } else { None };
+    let from_step = if jumps { course.at_likeliest_step(&shapes) } else { None };
     let starts = std::iter::once((value, shapes)).chain(from_step);
     let best = starts.map(|start| course.ascend(start)).reduce(|best, own| if own.0 > best.0 { own } else { best });
     let (value, shapes) = best.expect("one start or two");
@@ -64,8 +64,8 @@ impl Course<'_> {
         ((self.of)(&Variation::Course { kind: self.kind, shapes: shapes.clone() }), shapes)
     }
 
-    /// The best course that begins or ends with the likeliest step; `None` if it has no onset.
-    fn at_likeliest_step(&self) -> Option<Valued> {
+    /// The best course that begins or ends with the likeliest step, with the other shapes of `start`; `None` if it has no onset.
+    fn at_likeliest_step(&self, start: &[f64]) -> Option<Valued> {
         let onset = self.place(Role::Onset)?;
         let step = Course { kind: STEP, ..*self };
         let onsets = (1..(self.duration_s / ONSET_S) as usize).map(|place| place as f64 * ONSET_S);
@@ -75,7 +75,7 @@ impl Course<'_> {
         let Some(length) = length else { return Some(self.valued(likeliest)) };
         let of_length = |length_s: f64| {
             let at = move |onset_s: f64| {
-                let mut shapes = vec![0.0; 2];
+                let mut shapes = start.to_vec();
                 (shapes[onset], shapes[length]) = (onset_s, length_s);
                 shapes
             };
@@ -167,6 +167,25 @@ mod tests {
             panic!("a course stays one");
         };
         assert!(value > -1e-3, "{shapes:?}");
+    }
+
+    #[test]
+    fn a_pulse_narrower_than_the_grid_is_found_by_its_step() {
+        let mut courses = COURSES.iter();
+        let kind = courses.position(|kind| kind.shapes.iter().any(|shape| shape.role == Role::Duration));
+        let kind = kind.expect("a pulse");
+        let duration_s = 10_800.0;
+        // Cones of 15 s around an onset at 3210 s and a duration of 1350 s, an eighth of the recording.
+        let near = |value: f64, centre: f64| (1.0 - (value - centre).abs() / 15.0).max(0.0);
+        let of = |variation: &Variation| match variation {
+            Variation::Course { shapes, .. } => {
+                near(shapes[0], 3210.0) * shapes.get(1).map_or(1.0, |length_s| near(*length_s, 1350.0))
+            }
+            _ => f64::NAN,
+        };
+        let start = || Variation::Course { kind, shapes: vec![3600.0, 2700.0] };
+        assert_eq!(maximise(start(), duration_s, false, &of).1, 0.0);
+        assert!(maximise(start(), duration_s, true, &of).1 > 0.9);
     }
 
     #[test]
