@@ -24,8 +24,8 @@ use super::selected::{MAX_PER_GYRO, RejectedHypothesis, SelectedModel};
 /// A smaller share of the whole χ² reduction may be an error of the other hypotheses: a signature with a cosine of 0.995 to the true
 /// one leaves as much.
 const NEGLIGIBLE: f64 = 0.01;
-/// Factor of a drift's threshold beside a noise of the drift that was fitted: three hours have about sixteen stretches of ten minutes that
-/// show how large this noise is in a drift. Student's t with sixteen degrees of freedom reaches three times a χ² of 28 as rarely as a normal
+/// Factor of a drift's threshold beside a noise of the drift that was fitted: three hours have about 16 intervals of ten minutes that
+/// show how large this noise is in a drift. Student's t with 16 degrees of freedom reaches three times a χ² of 28 as rarely as a normal
 /// variable reaches 28.
 const FEW_SAMPLES: f64 = 3.0;
 
@@ -61,7 +61,7 @@ impl SelectedModel {
             })
     }
 
-    /// True if a walk or flicker of the drift is above its configured growth on one of these gyros.
+    /// True if the drift of any of these gyros walks or flickers by more than configured.
     fn has_larger_drift_noise(&self, nominal: &Configuration, gyros: &Gyros) -> bool {
         self.noise.iter().any(|found| {
             let is_of_drift = matches!(found.walk, Walk::Rate | Walk::Flicker);
