@@ -112,6 +112,7 @@ struct TrialResult {
 /// A recording cannot be written or diagnosed; `--out` cannot be read or written.
 pub fn run(arguments: &Arguments) -> Result {
     let trials: Vec<Trial> = trials(arguments);
+    arguments.keep.as_ref().map(fs::create_dir_all).transpose()?;
     let known = arguments.out.as_deref().map_or(Ok(BTreeMap::new()), read_results)?;
     let append = |path: &PathBuf| OpenOptions::new().create(true).append(true).open(path);
     let out = Mutex::new(arguments.out.as_ref().map(append).transpose()?);
