@@ -304,7 +304,7 @@ fn three_effects_on_three_gyros_are_named() {
     }
 }
 
-/// A false second effect of the time stamps, a wave longer than the recording, a course with an onset in a rest, and lags of which the motion between slow rows contains a part.
+/// A false second effect of the time stamps, a wave longer than the recording, courses with an onset in a rest, and lags of which the motion between slow rows contains a part.
 #[test]
 #[ignore = "minutes; .ci/run has it"]
 fn an_effect_against_a_noisy_reference_is_named_alone() {
@@ -316,10 +316,13 @@ fn an_effect_against_a_noisy_reference_is_named_alone() {
     let quaternions = |steps: usize, sigma_arcsec: f64| ReferenceKind::Quaternions { steps, sigma_arcsec };
     let wave = [("amplitude_ppm", 11.264), ("period_s", 9812.1), ("phase_rad", 0.83244)];
     let wave = effect("scale-factor-periodic", &[Gyro::Y], &wave);
+    let pulse = [("ppm", 11_505.0), ("time_s", 2687.0), ("duration_s", 1352.3)];
+    let pulse = effect("scale-factor-pulse", &[Gyro::X], &pulse);
     let settling = [("ppm", -186.46), ("time_s", 6530.1), ("time_constant_s", 1520.7)];
     let settling = effect("scale-factor-asymmetry-settling", &[Gyro::Y], &settling);
     for (seed, motion, reference, injected) in [
         (9_969_866_611, MotionKind::Survey, quaternions(10, 1.0), &wave),
+        (10_396_677_042, MotionKind::RateTable, quaternions(10, 1.0), &pulse),
         (9_969_916_608, MotionKind::RateTable, quaternions(400, 3.0), &settling),
         (9_757_030_681, MotionKind::QuietSurvey, quaternions(40, 5.0), &ramp),
         (395, MotionKind::ClosedLoop, quaternions(400, 3.0), &late),

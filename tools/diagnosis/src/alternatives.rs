@@ -3,6 +3,8 @@
 //! An alternative that explains the data nearly as well is not distinguishable by them: both belong to one ambiguity group. The whitened
 //! cosine of the signatures gives their similarity on this motion.
 
+use std::collections::HashSet;
+
 use geu_model::parameter_spec::{ParameterSpec, Role};
 use rayon::prelude::*;
 
@@ -12,7 +14,7 @@ use crate::measured::{CHANNELS, Series, TIMING};
 use crate::model_state::ModelState;
 use crate::normal_equations::NormalEquations;
 use crate::signature::Signature;
-use crate::signature_bank::{ConstantSignature, HypothesisFamily, SignatureBank};
+use crate::signature_bank::{ConstantSignature, HypothesisFamily, SignatureBank, Variation};
 use crate::significance::THREE_SIGMA_CHI2;
 use crate::spots::{Spot, spots};
 use crate::temperature_lag::{LaggedFit, likeliest};
@@ -212,12 +214,21 @@ fn in_place_of(
         let sets = sets(&bank.bases[index], &held.gyros);
         let is_another = |spot: &Spot| spot.amplitude(bank) != held.amplitude || spot.gyros != held.gyros;
         let is_possible = |spot: &Spot| is_another(spot) && is_possible(spot);
-        spots(bank, normal, index, [true; CHANNELS], |_| sets.clone(), is_possible)
+        let at_found = |(kind, gyros): (usize, &Gyros)| {
+            let found = Variation::Course { kind, shapes: held.course_shapes.clone() };
+            Spot::fit(bank, normal, index, found, *gyros).filter(is_possible)
+        };
+        // Where the unit turns between the onsets of the grid, another amplitude is similar at the found onset only.
+        let kind = held.amplitude.kind.filter(|_| bank.bases[index].has_courses);
+        let found = kind.into_iter().flat_map(|kind| sets.iter().map(move |gyros| (kind, gyros))).filter_map(at_found);
+        let of_grid = spots(bank, normal, index, [true; CHANNELS], |_| sets.clone(), is_possible);
+        found.chain(of_grid).collect::<Vec<_>>()
     };
     let mut spots: Vec<Spot> = (0..bank.bases.len()).into_par_iter().flat_map_iter(of_base).collect();
     spots.retain(|spot| spot.gain.chi2 >= MIN_SHARE * fall);
     spots.sort_by(|one, other| other.gain.chi2.total_cmp(&one.gain.chi2));
-    let mut formulas = 0;
+    let (mut formulas, mut better) = (0, HashSet::new());
+    spots.retain(|spot| better.insert((spot.base, spot.variation.kind(), spot.gyros)));
     spots.retain(|spot| {
         let is_formula = spot.amplitude(bank).formula().is_some();
         formulas += usize::from(is_formula);
