@@ -369,7 +369,7 @@ fn a_pulse_of_the_time_stamps_is_named_in_a_closed_loop() {
 }
 
 /// Found one by one, the first was another one: two of the temperature itself with a lag, a ramp on three gyros beside a larger walk, a wave
-/// of the quadratic part.
+/// of the quadratic part, a wave of the clock.
 #[test]
 #[ignore = "minutes; .ci/run has it"]
 fn two_effects_on_a_gyro_are_named() {
@@ -388,11 +388,16 @@ fn two_effects_on_a_gyro_are_named() {
         effect("scale-factor-periodic", &[Gyro::Y], &wave),
         effect("scale-factor-ramp", &[Gyro::Y], &[("ppm_per_day", -311.73)]),
     ];
+    let clock = [
+        effect("time-offset-temperature", &all, &[("seconds_per_k", -2.0844e-3)]),
+        effect("clock-frequency-temperature-rate", &all, &[("ppm_per_k_per_h", 2.5646e-3)]),
+    ];
     let slow = ReferenceKind::Quaternions { steps: 400, sigma_arcsec: 3.0 };
     let fast = ReferenceKind::Quaternions { steps: 10, sigma_arcsec: 1.0 };
     for (seed, motion, reference, injected) in [
         (9_651_100_505, MotionKind::Survey, fast, &heating),
         (9_651_110_504, MotionKind::Survey, slow, &ramps),
+        (10_396_648_043, MotionKind::Survey, slow, &clock),
         (391, MotionKind::Survey, slow, &ramps),
         (9_651_140_505, MotionKind::RateTable, fast, &wave_and_trend),
     ] {

@@ -264,17 +264,22 @@ impl SignatureBank {
         }
         let stepped = run(&tried);
         let step = Variation::Course { kind: STEP, shapes: vec![middle_s] };
-        let [by_rate, by_level] = [Mode::Rate, Mode::Level].map(|mode| {
+        let similarity = |mode: Mode, channels: Range<usize>| {
             let values = self.courses.values(mode, &step, 0..blocks);
             let course = small.series.each_ref().map(|series| put(series, mode, values.as_deref(), 0..blocks));
-            cosine(&course, &stepped)
-        });
+            cosine(&course, &stepped, channels)
+        };
+        // A clock is known by the times; what it turns the gyros by follows neither mode.
+        let has_times = small.series[TIMING].iter().any(|&value| value != 0.0);
+        let known = if has_times { TIMING..CHANNELS } else { 0..TIMING };
+        let [by_rate, by_level] = [Mode::Rate, Mode::Level].map(|mode| similarity(mode, known.clone()));
         let mode = if by_rate >= by_level { Mode::Rate } else { Mode::Level };
-        (small.mode, small.is_exact) = (mode, by_rate.max(by_level) >= EXACT_SIGNATURE);
-        let is_silent = cosine(&stepped, &stepped) == 0.0;
+        let similarity = similarity(mode, 0..TIMING);
+        (small.mode, small.is_exact) = (mode, similarity >= EXACT_SIGNATURE);
+        let is_silent = cosine(&stepped, &stepped, 0..TIMING) == 0.0;
         if is_silent
-            || by_rate.max(by_level) >= SAME_SIGNATURE
-            || cosine(&small.series, &run(&hypothesis(tried.value))) >= SAME_SIGNATURE
+            || similarity >= SAME_SIGNATURE
+            || cosine(&small.series, &run(&hypothesis(tried.value)), 0..TIMING) >= SAME_SIGNATURE
         {
             return vec![small];
         }
@@ -362,10 +367,10 @@ impl SignatureBank {
     }
 }
 
-/// Cosine of the increments of two signatures, without the channel of the times, which has another unit.
-fn cosine(one: &[impl AsRef<[f64]>; CHANNELS], other: &Series) -> f64 {
+/// Cosine of the increments of two signatures on channels of one unit: the gyros, or the times.
+fn cosine(one: &[impl AsRef<[f64]>; CHANNELS], other: &Series, channels: Range<usize>) -> f64 {
     let mut sums = [0.0; 3];
-    for (one, other) in one.iter().zip(other).take(TIMING) {
+    for (one, other) in one[channels.clone()].iter().zip(&other[channels]) {
         let products = increment_products(one.as_ref(), other);
         sums.iter_mut().zip(products).for_each(|(sum, product)| *sum += product);
     }
