@@ -304,7 +304,8 @@ fn three_effects_on_three_gyros_are_named() {
     }
 }
 
-/// A false second effect of the time stamps, a wave longer than the recording, courses with an onset in a rest, and lags of which the motion between slow rows contains a part.
+/// A false second effect of the time stamps, a wave longer than the recording, courses with an onset in a rest, and lags of which the
+/// motion between slow rows contains a part.
 #[test]
 #[ignore = "minutes; .ci/run has it"]
 fn an_effect_against_a_noisy_reference_is_named_alone() {
@@ -369,7 +370,7 @@ fn a_pulse_of_the_time_stamps_is_named_in_a_closed_loop() {
 }
 
 /// Found one by one, the first was another one: two of the temperature itself with a lag, a ramp on three gyros beside a larger walk, a wave
-/// of the quadratic part, a wave of the clock.
+/// of the quadratic part. A clock beside a time offset had the signature of another time course.
 #[test]
 #[ignore = "minutes; .ci/run has it"]
 fn two_effects_on_a_gyro_are_named() {

@@ -227,8 +227,9 @@ fn in_place_of(
     let mut spots: Vec<Spot> = (0..bank.bases.len()).into_par_iter().flat_map_iter(of_base).collect();
     spots.retain(|spot| spot.gain.chi2 >= MIN_SHARE * fall);
     spots.sort_by(|one, other| other.gain.chi2.total_cmp(&one.gain.chi2));
-    let (mut formulas, mut better) = (0, HashSet::new());
-    spots.retain(|spot| better.insert((spot.base, spot.variation.kind(), spot.gyros)));
+    let (mut formulas, mut seen) = (0, HashSet::new());
+    // Best first: the grid's or the found course, whichever is better.
+    spots.retain(|spot| seen.insert((spot.base, spot.variation.kind(), spot.gyros)));
     spots.retain(|spot| {
         let is_formula = spot.amplitude(bank).formula().is_some();
         formulas += usize::from(is_formula);
