@@ -1,5 +1,6 @@
-//! `geu diagnose` on 15 min, which do not determine all calibration parameters, and an output that cannot be written.
+//! `geu diagnose` on minutes, which do not determine all calibration parameters, and an output that cannot be written.
 
+use geu_model::Configuration;
 use geu_tests::{geu, give_way};
 use serde_json::Value;
 
@@ -47,4 +48,35 @@ fn a_pivot_clearance_is_found_in_15_min_and_two_unwritable_outputs_are_reported(
     let left = said["gap"]["after"]["fitted"]["rms_arcsec"].as_f64().expect("a number");
     // Rounding at both ends 0.41, angle random walk in 15 min 0.21; a third more for refitted parameters.
     assert!(left < 0.6, "{report}");
+}
+
+/// At rest scale factors, misalignments and drifts have one signature.
+#[test]
+fn at_rest_changed_drifts_have_no_other_name() {
+    give_way();
+    let directory = tempfile::tempdir().expect("a directory");
+    let at = |name: &str| directory.path().join(name).display().to_string();
+    std::fs::write(at("ideal.toml"), "seed = 77\n").expect("written");
+    let mut command = geu();
+    command.args(["simulate", &at("ideal.toml"), "--duration", "900", "--out", &at("run")]);
+    assert!(command.output().expect("geu starts").status.success());
+    let [link, reference, json, out] = ["run/link.log", "run/reference.csv", "said.json", "out.toml"].map(at);
+    let mut command = geu();
+    command.args(["diagnose", "--link", &link, "--reference", &reference, "--json", &json, "--out", &out]);
+    let output = command.env("XDG_CACHE_HOME", at("cache")).output().expect("geu starts");
+    let report = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(output.status.code(), Some(0), "{report}");
+    let said: Value = serde_json::from_str(&std::fs::read_to_string(&json).expect("written")).expect("JSON");
+    let new = std::fs::read_to_string(&out).expect("written");
+    let new = Configuration::parse("out.toml", &new, &[]).expect("valid");
+    let given = Configuration::reference();
+    let found = said["effects"].as_array().expect("a list");
+    assert_eq!(found.len(), 4, "{report}");
+    for ((entry, given), new) in found.iter().zip(&given.gyros).zip(&new.gyros) {
+        assert_eq!(entry["code"], "drift", "{report}");
+        let moved = new.calibration.drift_arcsec_per_half_s - given.calibration.drift_arcsec_per_half_s;
+        let [value, sigma] = ["value", "sigma"].map(|name| entry["parameters"]["arcsec_per_h"][name].as_f64());
+        let off = value.expect("a number") - moved * 7200.0;
+        assert!(off.abs() < 0.1 * sigma.expect("a number"), "{off}: {report}");
+    }
 }

@@ -3,6 +3,7 @@
 
 use geu_model::effect::{AngleRandomWalk, BiasInstability, DriftRandomWalk, Effect, GyroEffects, ScaleFactorNoise};
 use geu_model::fault::{EffectList, ParameterRef};
+use geu_model::package::Calibration;
 use geu_model::parameter_spec::ParameterSet;
 use geu_protocol::Gyro;
 
@@ -183,7 +184,7 @@ impl Entries<'_> {
             state.reset_undetermined_lag();
             return None;
         }
-        let (amplitude, ratio) = self.constant_effect(self.case.nuisances.last()?, true)?;
+        let (amplitude, ratio) = self.constant_effect(self.case.nuisances.last()?, AmplitudeRef::is_of_unit)?;
         // A part of it is that of the link.
         let link_s = if self.case.measured.counts.is_received { LINK_LAG_S } else { (0.0, 0.0) };
         let hypothesis = Hypothesis::constant(amplitude, (lag_s - link_s.0) * ratio, ALL_GYROS);
@@ -206,12 +207,12 @@ impl Entries<'_> {
         })
     }
 
-    /// The constant amplitude, of the unit or of a gyro, with the signature of a nuisance, and its value per unit of the nuisance. On a
-    /// short motion several are similar: the one with the highest cosine.
+    /// The constant amplitude, of the candidates, with the signature of a nuisance, and its value per unit of the nuisance. On a short
+    /// motion several are similar: the one with the highest cosine.
     fn constant_effect(
         &self,
         nuisance: &[Option<Vec<f64>>; CHANNELS],
-        is_of_unit: bool,
+        is_candidate: impl Fn(&AmplitudeRef) -> bool,
     ) -> Option<(AmplitudeRef, f64)> {
         let of_base = |base: &ConstantSignature| {
             let mut sums = [0.0; 3];
@@ -224,9 +225,8 @@ impl Entries<'_> {
             let cosine = if others > 0.0 { both.abs() / (own * others).sqrt() } else { 0.0 };
             (cosine, base.amplitude, both / others)
         };
-        let is_candidate =
-            |base: &&ConstantSignature| base.amplitude.is_of_unit() == is_of_unit && base.amplitude.formula().is_none();
-        let all = self.bank.bases.iter().filter(is_candidate).map(of_base);
+        let constant = self.bank.bases.iter().filter(|base| base.amplitude.formula().is_none());
+        let all = constant.filter(|base| is_candidate(&base.amplitude)).map(of_base);
         let (cosine, amplitude, ratio) = all.max_by(|one, other| one.0.total_cmp(&other.0))?;
         (cosine > EXACT_SIGNATURE).then_some((amplitude, ratio))
     }
@@ -247,7 +247,12 @@ impl Entries<'_> {
             if moved.abs() <= sigmas * own_sigma || sigma.is_nan() {
                 continue;
             }
-            let Some((amplitude, ratio)) = self.constant_effect(&self.case.nuisances[index], false) else { continue };
+            // At rest a scale factor has the signature of a drift: its name determines the effect.
+            let name = Calibration::NUMBERS[number].name;
+            let is_own = |amplitude: &AmplitudeRef| {
+                name == amplitude.size().name || name.starts_with(&amplitude.code().replace('-', "_"))
+            };
+            let Some((amplitude, ratio)) = self.constant_effect(&self.case.nuisances[index], is_own) else { continue };
             let found = EstimatedValue::new(amplitude.size().name, moved * ratio, sigma * ratio.abs());
             let total = self.case.nominal.gyros[gyro as usize].calibration.value(number) + moved;
             // Digits down to a hundredth of a sigma.
