@@ -7,10 +7,11 @@ use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
 use geu_model::Configuration;
+use geu_model::effect::GyroEffects;
 use geu_model::parameter_spec::{ParameterSpec, Role};
 use geu_model::temperature::RATE_SPAN_S;
 use geu_model::time_profile::{COURSES, Interval, TimeCourse};
-use geu_model::units::S_PER_H;
+use geu_model::units::{S_PER_H, SAMPLE_INTERVAL_S};
 
 use crate::measured::{BLOCK_S, MeasuredData};
 use geu_hypothesis::amplitude::STEP;
@@ -19,8 +20,11 @@ use geu_hypothesis::amplitude::STEP;
 pub const SHORTEST_S: f64 = 6.0 * BLOCK_S;
 /// Quarter periods in the recording: of the shortest searched period; the longest has two.
 const QUARTER_TURNS: usize = 64;
-/// Searched onsets of permanent effects.
+/// Searched onsets of permanent effects; of steps of a rate that many times a whole number, if the filter forgets a rate sooner than from
+/// one to the next.
 const ONSETS: usize = 64;
+/// Largest such number: onsets every 20 s in three hours.
+const MAX_FINER: f64 = 8.0;
 /// Searched onsets of effects that settle; the first is the start of the recording.
 const SETTLING_ONSETS: usize = 32;
 /// Searched time constants, as shares of the recording: twice from one to the next, since a signature changes slowly with it.
@@ -29,6 +33,20 @@ const TIME_CONSTANTS: [f64; 6] = [1.0 / 64.0, 1.0 / 32.0, 1.0 / 16.0, 0.125, 0.2
 const DURATIONS: [usize; 10] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32];
 /// Searched onsets of immediate effects, which end with the manoeuvre.
 const SUDDEN_ONSETS: usize = 4 * ONSETS;
+
+/// Time after which a step of a rate is as uncertain by the rate's own noise as by the angles, on the gyro with the largest noise: the
+/// whitening filter remembers no longer.
+fn memory_s(configuration: &Configuration) -> f64 {
+    let of_gyro = |own: &GyroEffects| {
+        // The variance of a rate from angles with the density S over t is 12 S/t³.
+        let rounding = SAMPLE_INTERVAL_S / 12.0;
+        let angles = 12.0 * (rounding + own.angle_random_walk.arcsec_per_sqrt_s.powi(2));
+        let walk_s = (angles / own.drift_random_walk.arcsec_per_s_per_sqrt_s.powi(2)).powf(0.25);
+        let flicker_s = (angles / (own.bias_instability.arcsec_per_h / S_PER_H).powi(2)).cbrt();
+        walk_s.min(flicker_s)
+    };
+    configuration.gyros.iter().map(|gyro| of_gyro(&gyro.effects.constant)).fold(f64::INFINITY, f64::min)
+}
 
 /// True if a kind of [`COURSES`] has no values but 0 and 1.
 pub fn is_switch(kind: usize) -> bool {
@@ -143,6 +161,8 @@ pub struct Courses {
     rate_k_per_h: Vec<f64>,
     /// Start of the recording on the time scale of the courses.
     start_s: f64,
+    /// Searched onsets of steps of a rate.
+    rate_steps: usize,
     /// Values of the grid's courses of time alone, from the first block on, once they were asked for.
     grid: Arc<HashMap<Key, OnceLock<Vec<f64>>>>,
 }
@@ -155,7 +175,9 @@ impl Courses {
     pub fn on(measured: &MeasuredData, configuration: &Configuration) -> Courses {
         let reference_c = configuration.electronics.numbers.reference_c;
         let excess_k = measured.electronics_c().iter().map(|electronics_c| electronics_c - reference_c).collect();
-        Courses { start_s: measured.start_s, ..Courses::at(excess_k) }
+        let all = Courses { start_s: measured.start_s, ..Courses::at(excess_k) };
+        let finer = (all.duration_s() / ONSETS as f64 / memory_s(configuration)).ceil().clamp(1.0, MAX_FINER);
+        Courses { rate_steps: finer as usize * ONSETS, ..all }
     }
 
     /// With a cache of the values on the grid.
@@ -177,7 +199,8 @@ impl Courses {
             let (from, to) = (block.saturating_sub(half), (block + half).min(last));
             (excess_k[to] - excess_k[from]) / (to.max(from + 1) - from) as f64 / BLOCK_S * S_PER_H
         };
-        Courses { rate_k_per_h: (0..excess_k.len()).map(rate).collect(), excess_k, start_s: 0.0, grid: Arc::default() }
+        let rate_k_per_h = (0..excess_k.len()).map(rate).collect();
+        Courses { rate_k_per_h, excess_k, start_s: 0.0, rate_steps: ONSETS, grid: Arc::default() }
     }
 
     /// Blocks of the recording.
@@ -191,7 +214,8 @@ impl Courses {
         let last = self.blocks().saturating_sub(1) as f64;
         let source = |block: usize| (block as f64 + temperature_s / BLOCK_S).round().clamp(0.0, last) as usize;
         let excess_k = (0..self.blocks()).map(|block| self.excess_k[source(block)]).collect();
-        Courses { grid: self.grid.clone(), start_s: self.start_s, ..Courses::at(excess_k) }
+        let Courses { ref grid, start_s, rate_steps, .. } = *self;
+        Courses { grid: grid.clone(), start_s, rate_steps, ..Courses::at(excess_k) }
     }
 
     /// Searched time courses of a kind of [`COURSES`], waves at phase 0.
@@ -202,6 +226,7 @@ impl Courses {
             Mode::Rate if settles => 0..SETTLING_ONSETS,
             Mode::Level if settles => 0..2 * ONSETS,
             Mode::Level if !ends => 1..SUDDEN_ONSETS,
+            Mode::Rate if kind == STEP => 1..self.rate_steps,
             _ => 1..ONSETS,
         };
         let mut all: Vec<Vec<f64>> = vec![vec![]];
@@ -211,6 +236,11 @@ impl Courses {
         }
         let is_inside = |shapes: &Vec<f64>| !ends || shapes.iter().sum::<f64>() < self.duration_s() - BLOCK_S;
         all.into_iter().filter(is_inside).map(|shapes| Variation::Course { kind, shapes }).collect()
+    }
+
+    /// Spacing of steps of a rate, if it is less than that of other courses.
+    pub fn rate_step_spacing_s(&self) -> Option<f64> {
+        (self.rate_steps > ONSETS).then(|| self.duration_s() / self.rate_steps as f64)
     }
 
     fn duration_s(&self) -> f64 {

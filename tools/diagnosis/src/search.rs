@@ -1,8 +1,10 @@
 //! The search: every hypothesis of the bank, on every set of gyros, against the residual of a state.
 
+use std::collections::HashMap;
+
 use rayon::prelude::*;
 
-use crate::courses::is_onset;
+use crate::courses::{Mode, is_onset};
 use crate::measured::{CHANNELS, TIMING};
 use crate::model_state::ModelState;
 use crate::normal_equations::{NormalEquations, SignatureFit, THIRDS};
@@ -16,7 +18,7 @@ use geu_hypothesis::gyros::{ALL_GYROS, Gyros};
 
 /// Candidates with optimised shape parameters.
 const OPTIMISED: usize = 16;
-/// Additional ones on each of several sets of gyros with separate hypotheses.
+/// Additional ones on each of several sets of gyros with separate hypotheses, of each time course if steps are searched on a finer grid.
 const OPTIMISED_ON_SET: usize = 4;
 
 /// A hypothesis with its fit.
@@ -171,9 +173,11 @@ pub fn search(
     let score = |spot: &Spot| score(bank, thresholds, spot);
     let best = best_spots(bank, normal, state, thresholds, &ALL_GYROS);
     let separate = separate_sets(best.iter().map(|spot| (spot.gyros, score(spot))));
-    let mut seen = [0; 16];
+    let is_finer = bank.step_spacing_s(Mode::Rate).is_some();
+    let mut seen: HashMap<(Gyros, Option<usize>), usize> = HashMap::new();
     let is_kept = |(place, spot): (usize, Spot)| {
-        let count = &mut seen[mask(&spot.gyros)];
+        let kind = spot.variation.kind().filter(|_| is_finer);
+        let count = seen.entry((spot.gyros, kind)).or_default();
         *count += 1;
         (place < OPTIMISED || *count <= OPTIMISED_ON_SET && separate.contains(&spot.gyros)).then_some(spot)
     };

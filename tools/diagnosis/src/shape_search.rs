@@ -12,8 +12,6 @@ use geu_hypothesis::amplitude::STEP;
 const HALVINGS: usize = 5;
 /// First step of an onset, as a share of the recording: about that of the grid.
 const ONSET_SHARE: f64 = 1.0 / 96.0;
-/// Spacing of the steps among which the likeliest is searched, s: two blocks.
-const ONSET_S: f64 = 2.0 * BLOCK_S;
 /// Durations and time constants tried from there: halves of the recording, of that, and so on.
 const LENGTHS: i32 = 5;
 /// First step of a period, as a share of the period.
@@ -24,9 +22,14 @@ const TIME_CONSTANT_SHARE: f64 = 0.3;
 const PHASE_RAD: f64 = 0.3;
 
 /// Local maximum of `of` near a variation, and its value. A variation without shape parameters stays; of an immediate effect the blocks
-/// beside its own are tried, which the grid leaves out. Where the angle `jumps` at an onset, the maximum is narrower than the grid: then the
-/// likeliest step of all is a second start.
-pub fn maximise(start: Variation, duration_s: f64, jumps: bool, of: &dyn Fn(&Variation) -> f64) -> (Variation, f64) {
+/// beside its own are tried, which the grid leaves out. If the maximum is narrower than the grid, the likeliest of all steps at this spacing
+/// is a second start.
+pub fn maximise(
+    start: Variation,
+    duration_s: f64,
+    spacing_s: Option<f64>,
+    of: &dyn Fn(&Variation) -> f64,
+) -> (Variation, f64) {
     let value = of(&start);
     if let Variation::Onset { block } = start {
         let near = [block.checked_sub(1), Some(block + 1).filter(|block| *block as f64 * BLOCK_S < duration_s)];
@@ -36,8 +39,8 @@ pub fn maximise(start: Variation, duration_s: f64, jumps: bool, of: &dyn Fn(&Var
         return (best, value);
     }
     let Variation::Course { kind, shapes } = start else { return (start, value) };
-    let course = Course { kind, duration_s, jumps, of };
-    let from_step = if jumps { course.at_likeliest_step(&shapes) } else { None };
+    let course = Course { kind, duration_s, spacing_s, of };
+    let from_step = course.at_likeliest_step(&shapes);
     let starts = std::iter::once((value, shapes)).chain(from_step);
     let best = starts.map(|start| course.ascend(start)).reduce(|best, own| if own.0 > best.0 { own } else { best });
     let (value, shapes) = best.expect("one start or two");
@@ -48,7 +51,7 @@ pub fn maximise(start: Variation, duration_s: f64, jumps: bool, of: &dyn Fn(&Var
 struct Course<'a> {
     kind: usize,
     duration_s: f64,
-    jumps: bool,
+    spacing_s: Option<f64>,
     of: &'a dyn Fn(&Variation) -> f64,
 }
 
@@ -64,11 +67,12 @@ impl Course<'_> {
         ((self.of)(&Variation::Course { kind: self.kind, shapes: shapes.clone() }), shapes)
     }
 
-    /// The best course that begins or ends with the likeliest step, with the other shapes of `start`; `None` if it has no onset.
+    /// The best course that begins or ends with the likeliest step, with the other shapes of `start`; `None` if it has no onset, or if
+    /// the grid is fine enough.
     fn at_likeliest_step(&self, start: &[f64]) -> Option<Valued> {
-        let onset = self.place(Role::Onset)?;
+        let (onset, spacing_s) = (self.place(Role::Onset)?, self.spacing_s?);
         let step = Course { kind: STEP, ..*self };
-        let onsets = (1..(self.duration_s / ONSET_S) as usize).map(|place| place as f64 * ONSET_S);
+        let onsets = (1..(self.duration_s / spacing_s) as usize).map(|place| place as f64 * spacing_s);
         let of_step = onsets.map(|onset_s| step.valued(vec![onset_s]));
         let (_, likeliest) = of_step.reduce(|best, own| if own.0 > best.0 { own } else { best })?;
         let length = self.place(Role::Duration).or_else(|| self.place(Role::TimeConstant));
@@ -87,7 +91,7 @@ impl Course<'_> {
         tried.reduce(|best, own| if own.0 > best.0 { own } else { best })
     }
 
-    /// First steps: each shape alone; where the angle jumps, also an onset with its end held.
+    /// First steps: each shape alone; where the maximum is narrow, also an onset with its end held.
     fn directions(&self, shapes: &[f64]) -> Vec<Vec<(usize, f64)>> {
         let onset_s = self.duration_s * ONSET_SHARE;
         let step = |(number, value): (&ParameterSpec, &f64)| match number.role {
@@ -101,7 +105,7 @@ impl Course<'_> {
         let numbers = COURSES[self.kind].shapes.iter().zip(shapes);
         let alone = numbers.enumerate().map(|(index, number)| vec![(index, step(number))]);
         let ends = self.place(Role::Onset).zip(self.place(Role::Duration));
-        let ends = ends.filter(|&(onset, _)| self.jumps && shapes[onset] != 0.0);
+        let ends = ends.filter(|&(onset, _)| self.spacing_s.is_some() && shapes[onset] != 0.0);
         alone.chain(ends.map(|(onset, duration)| vec![(onset, onset_s), (duration, -onset_s)])).collect()
     }
 
@@ -162,7 +166,7 @@ mod tests {
             _ => f64::NAN,
         };
         let (Variation::Course { shapes, .. }, value) =
-            maximise(Variation::Course { kind, shapes: vec![5400.0, 0.0] }, 10_800.0, false, &of)
+            maximise(Variation::Course { kind, shapes: vec![5400.0, 0.0] }, 10_800.0, None, &of)
         else {
             panic!("a course stays one");
         };
@@ -184,8 +188,8 @@ mod tests {
             _ => f64::NAN,
         };
         let start = || Variation::Course { kind, shapes: vec![3600.0, 2700.0] };
-        assert_eq!(maximise(start(), duration_s, false, &of).1, 0.0);
-        assert!(maximise(start(), duration_s, true, &of).1 > 0.9);
+        assert_eq!(maximise(start(), duration_s, None, &of).1, 0.0);
+        assert!(maximise(start(), duration_s, Some(10.0), &of).1 > 0.9);
     }
 
     #[test]
@@ -196,13 +200,16 @@ mod tests {
         };
         for (start, expected) in [(0, 1), (2, 1), (1, 1), (5, 4)] {
             assert_eq!(
-                maximise(Variation::Onset { block: start }, 100.0, true, &of).0,
+                maximise(Variation::Onset { block: start }, 100.0, Some(10.0), &of).0,
                 Variation::Onset { block: expected }
             );
         }
         // Neither before the start nor after the end.
         let later = |variation: &Variation| -of(variation);
-        assert_eq!(maximise(Variation::Onset { block: 19 }, 100.0, true, &later).0, Variation::Onset { block: 19 });
-        assert_eq!(maximise(Variation::Onset { block: 0 }, 100.0, true, &later).0, Variation::Onset { block: 0 });
+        assert_eq!(
+            maximise(Variation::Onset { block: 19 }, 100.0, Some(10.0), &later).0,
+            Variation::Onset { block: 19 }
+        );
+        assert_eq!(maximise(Variation::Onset { block: 0 }, 100.0, Some(10.0), &later).0, Variation::Onset { block: 0 });
     }
 }

@@ -328,9 +328,13 @@ impl SignatureBank {
         })
     }
 
-    /// True if the filter forgets a jump of the angle, as it does with an exact reference: then its time is known within blocks.
-    pub fn forgets_jumps(&self) -> bool {
-        self.jump_blocks < self.courses.blocks()
+    /// Spacing of steps, if the filter forgets one sooner than the next onset of the grid: a jump of the angle with an exact reference, so
+    /// that its time is known within blocks, and a step of a rate beside large walks.
+    pub fn step_spacing_s(&self, mode: Mode) -> Option<f64> {
+        match mode {
+            Mode::Level => (self.jump_blocks < self.courses.blocks()).then_some(SUDDEN_BLOCKS as f64 * BLOCK_S),
+            Mode::Rate => self.courses.rate_step_spacing_s(),
+        }
     }
 
     /// Blocks of each signature.

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use geu_model::time_profile::COURSES;
 
-use crate::courses::{Mode, is_onset};
+use crate::courses::is_onset;
 use crate::measured::{BLOCK_S, CHANNELS, TIMING};
 use crate::model_state::ModelState;
 use crate::normal_equations::{NormalEquations, Nuisance, SignatureFit};
@@ -139,9 +139,9 @@ impl Spot {
         let at = |variation: &Variation| {
             Spot::fit(bank, normal, self.base, variation.clone(), self.gyros).filter(&is_possible)
         };
-        let jumps = self.base(bank).mode == Mode::Level && bank.forgets_jumps();
+        let spacing_s = bank.step_spacing_s(self.base(bank).mode);
         let chi2 = |variation: &Variation| at(variation).map_or(0.0, |spot| spot.gain.chi2);
-        let (variation, _) = maximise(self.variation.clone(), duration_s, jumps, &chi2);
+        let (variation, _) = maximise(self.variation.clone(), duration_s, spacing_s, &chi2);
         at(&variation).filter(|spot| spot.hypothesis(bank).is_within_limits())
     }
 }
