@@ -22,6 +22,7 @@ use crate::model_state::ModelState;
 use crate::next_manoeuvre::{DiscriminatingTest, NO_TEST, NextManoeuvre, SURE_SIGMA};
 use crate::normal_equations::Nuisance;
 use crate::rounding::Rounding;
+use crate::significance::THREE_SIGMA_CHI2;
 use geu_hypothesis::Hypothesis;
 use separation::{Separation, Signatures, fitted_chi2, in_place};
 use sequences::{Sequence, planned};
@@ -256,16 +257,16 @@ fn test(name: String, manoeuvre: NextManoeuvre, warming: Option<(String, Separat
     let NextManoeuvre { sigma, duration_s, .. } = manoeuvre;
     let minutes = (duration_s / 60.0).ceil();
     let recording = format!("a new recording of {name} ({minutes:.0} min)");
-    let warming = warming.filter(|(_, after)| after.chi2 > AMBIGUITY_CHI2 && after.chi2 > sigma.powi(2));
+    let warming = warming.filter(|(_, after)| after.chi2 > THREE_SIGMA_CHI2 && after.chi2 > sigma.powi(2));
     let text = match warming {
         _ if sigma >= SURE_SIGMA => format!("{recording} would separate the two by {sigma:.1} sigma"),
         Some((name, Separation { chi2, .. })) => {
             format!("{name} would separate the two by {:.1} sigma; a scenario does not set temperatures", chi2.sqrt())
         }
-        None if sigma.powi(2) > AMBIGUITY_CHI2 => {
+        None if sigma.powi(2) > THREE_SIGMA_CHI2 => {
             format!("{recording} is the most effective manoeuvre, and reaches only {sigma:.1} sigma")
         }
         None => NO_TEST.to_owned(),
     };
-    DiscriminatingTest { text, manoeuvre: (sigma.powi(2) > AMBIGUITY_CHI2).then_some(manoeuvre) }
+    DiscriminatingTest { text, manoeuvre: (sigma.powi(2) > THREE_SIGMA_CHI2).then_some(manoeuvre) }
 }
