@@ -23,13 +23,15 @@ use crate::residual_stats::{self, residual, windowed};
 use crate::shares::Shares;
 use crate::solution::{DiagnosisOptions, Solution};
 use crate::unexplained::unexplained;
-use crate::whiteness::{kurtosis, whiteness_statistic};
+use crate::whiteness::{kurtosis, variance, whiteness_statistic};
 use geu_checks::Finding;
 use geu_checks::check;
-use geu_hypothesis::gyros::{Gyros, is_within};
+use geu_hypothesis::gyros::{Gyros, is_within, names};
 
 /// χ² of two degrees of freedom that a walk of constant growth exceeds once in a thousand recordings.
 const CHANGED_CHI2: f64 = 13.8;
+/// Variance of a whitened residual below which the noise is smaller than configured: four sigma of ten minutes.
+const SMALLER_VARIANCE: f64 = 0.5;
 
 /// Diagnoses a decoded recording, exact checks included.
 ///
@@ -106,6 +108,7 @@ impl Report<'_> {
         entries.splice(effects_end..effects_end, noises);
         let effects = refused.iter().filter(|(entry, _)| entry.class == Class::MissingEffect);
         findings.extend(effects.map(admission::finding));
+        findings.extend(smaller_noise(&left));
         let unexplained =
             unexplained_gyros.contains(&true).then(|| unexplained(case, bank, &selected, &left, unexplained_gyros));
         // Parameters that moved by less than is reported stay as given.
@@ -275,6 +278,21 @@ fn temperature_lag(shifts: &Shifts) -> Option<Finding> {
     let late_s = (late_s != 0.0).then_some(late_s.abs())?;
     Some(Finding {
         kind: "temperature-lag".to_owned(),
+/// The finding of random walks that are configured larger than they are.
+fn smaller_noise(left: &Series) -> Option<Finding> {
+    let variances: [f64; TIMING] = std::array::from_fn(|gyro| variance(&left[gyro]));
+    let is_smaller = variances.map(|variance| variance > 0.0 && variance < SMALLER_VARIANCE);
+    let largest = variances.into_iter().filter(|variance| *variance < SMALLER_VARIANCE).fold(0.0, f64::max);
+    is_smaller.contains(&true).then(|| Finding {
+        kind: "noise-smaller".to_owned(),
+        place: names(&is_smaller).join(", "),
+        text: format!(
+            "the residual is {:.2} times the noise as configured, or less: with the random walks that the gyro has, smaller effects are found",
+            largest.sqrt()
+        ),
+    })
+}
+
         place: "the whole recording".to_owned(),
         text: format!("effects follow the electronics temperature {late_s:.0} s {when} its recorded value"),
     })

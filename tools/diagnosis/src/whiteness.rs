@@ -30,10 +30,18 @@ pub fn whiteness_statistic(left: &Series) -> (f64, [f64; CHANNELS]) {
     (channels[..TIMING].iter().copied().fold(f64::NEG_INFINITY, f64::max), channels)
 }
 
+/// Second moment. Blocks without data, exactly 0, are ignored.
+pub fn variance(values: &[f64]) -> f64 {
+    moment(values, 2)
+}
+
 /// Fourth moment over the square of the second; 3 of normal values. Blocks without data, exactly 0, are ignored.
 pub fn kurtosis(values: &[f64]) -> f64 {
+    let variance = variance(values);
+    if variance > 0.0 { moment(values, 4) / variance.powi(2) } else { 0.0 }
+}
+
+fn moment(values: &[f64], power: i32) -> f64 {
     let known = || values.iter().filter(|value| **value != 0.0);
-    let count = known().count().max(1) as f64;
-    let moment = |power: i32| known().map(|value| value.powi(power)).sum::<f64>() / count;
-    if moment(2) > 0.0 { moment(4) / moment(2).powi(2) } else { 0.0 }
+    known().map(|value| value.powi(power)).sum::<f64>() / known().count().max(1) as f64
 }
