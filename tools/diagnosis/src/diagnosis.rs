@@ -15,7 +15,7 @@ use crate::model_selection::SelectedModel;
 use crate::model_state::ModelState;
 use crate::motion_segments;
 use crate::noise;
-use crate::null_distribution::kurtosis_limits;
+use crate::null_distribution::{kurtosis_limits, largest_growth};
 use crate::outcome::{Class, DiagnosedEffect, Diagnosis, Gaps, Verdict};
 use crate::report::admission::{self, SquaredGap, refuse};
 use crate::residual_map::residual_maps;
@@ -96,25 +96,28 @@ impl Report<'_> {
         entries.retain(|entry| entry.class == Class::MissingEffect || !is_within(&entry.gyros, &unexplained_gyros));
         self.drop_harmful(&mut entries, selected.state.shifts);
         let shifts = selected.state.shifts;
-        let refused =
-            refuse(&mut entries, &mut unexplained_gyros, |entries| self.gap_with(entries.iter().copied(), shifts));
+        let gap = |entries: &[&DiagnosedEffect]| self.gap_with(entries.iter().copied(), shifts);
+        let by_noise = |without: &[&DiagnosedEffect], with: &[&DiagnosedEffect]| {
+            let [without, with] =
+                [without, with].map(|entries| measured.run(&self.configured_with(entries.iter().copied()), shifts));
+            largest_growth(case, &selected.state, &measured.difference(&with, &without), self.seed)
+        };
+        let refused = refuse(&mut entries, &mut unexplained_gyros, gap, by_noise);
         refused.iter().for_each(|(entry, _)| selected.drop_stated(case, entry));
         if !refused.is_empty() {
             selected.reset_noise(case, &unexplained_gyros);
             left = selected.normal.projected_residual();
         }
+        findings.extend(smaller_noise(&left));
         let noises = self.entries.noises(&selected);
         let effects_end = entries.iter().take_while(|entry| entry.class == Class::MissingEffect).count();
         entries.splice(effects_end..effects_end, noises);
         let effects = refused.iter().filter(|(entry, _)| entry.class == Class::MissingEffect);
         findings.extend(effects.map(admission::finding));
-        findings.extend(smaller_noise(&left));
         let unexplained =
             unexplained_gyros.contains(&true).then(|| unexplained(case, bank, &selected, &left, unexplained_gyros));
         // Parameters that moved by less than is reported stay as given.
-        let mut configuration = case.nominal.clone();
-        let corrections = entries.iter().flat_map(|entry| &entry.corrections);
-        corrections.for_each(|correction| correction.apply(&mut configuration));
+        let configuration = self.configured_with(&entries);
         // The input configuration is compared with the recording before any correction, without the estimated lag and noise.
         let as_given = case.of_calibration(self.raw.unwrap_or(measured));
         let raw = as_given.measured;
@@ -199,13 +202,17 @@ impl Report<'_> {
         (gyros, selected.normal.projected_residual())
     }
 
+    fn configured_with<'e>(&self, entries: impl IntoIterator<Item = &'e DiagnosedEffect>) -> Configuration {
+        let mut configuration = self.entries.case.nominal.clone();
+        let corrections = entries.into_iter().flat_map(|entry| &entry.corrections);
+        corrections.for_each(|correction| correction.apply(&mut configuration));
+        configuration
+    }
+
     /// Gap with these entries in the configuration.
     fn gap_with<'e>(&self, entries: impl IntoIterator<Item = &'e DiagnosedEffect>, shifts: Shifts) -> SquaredGap {
         let case = self.entries.case;
-        let mut configuration = case.nominal.clone();
-        let corrections = entries.into_iter().flat_map(|entry| &entry.corrections);
-        corrections.for_each(|correction| correction.apply(&mut configuration));
-        let model = case.measured.run(&configuration, shifts);
+        let model = case.measured.run(&self.configured_with(entries), shifts);
         let squares = residual_stats::squares(case.measured, &model).iter().sum();
         SquaredGap { squares, reduced_chi2: reduced_chi2(case, &model, self.start) }
     }
@@ -271,13 +278,6 @@ fn glitches(smoothed: &SmoothedReference) -> Option<Finding> {
     })
 }
 
-/// The finding of an electronics temperature that lags.
-fn temperature_lag(shifts: &Shifts) -> Option<Finding> {
-    let late_s = shifts.temperature_s;
-    let when = if late_s > 0.0 { "before" } else { "after" };
-    let late_s = (late_s != 0.0).then_some(late_s.abs())?;
-    Some(Finding {
-        kind: "temperature-lag".to_owned(),
 /// The finding of random walks that are configured larger than they are.
 fn smaller_noise(left: &Series) -> Option<Finding> {
     let variances: [f64; TIMING] = std::array::from_fn(|gyro| variance(&left[gyro]));
@@ -293,6 +293,13 @@ fn smaller_noise(left: &Series) -> Option<Finding> {
     })
 }
 
+/// The finding of an electronics temperature that lags.
+fn temperature_lag(shifts: &Shifts) -> Option<Finding> {
+    let late_s = shifts.temperature_s;
+    let when = if late_s > 0.0 { "before" } else { "after" };
+    let late_s = (late_s != 0.0).then_some(late_s.abs())?;
+    Some(Finding {
+        kind: "temperature-lag".to_owned(),
         place: "the whole recording".to_owned(),
         text: format!("effects follow the electronics temperature {late_s:.0} s {when} its recorded value"),
     })

@@ -19,10 +19,11 @@ use crate::model_state::ModelState;
 use crate::noise::Walk;
 use crate::normal_equations::NormalEquations;
 use crate::null_products::{NullChannel, NullProducts, OfRuns, RUNS, null_channels};
+use crate::residual_stats::squares_of_blocks;
 use crate::search::{set_penalty, sets};
 use crate::signature::reaches;
 use crate::signature_bank::{HypothesisFamily, SignatureBank, Variation};
-use crate::significance::FOUR_SIGMAS;
+use crate::significance::{FOUR_SIGMAS, THREE_SIGMAS};
 use crate::sweep::{Swept, sweep};
 use crate::whiteness::{kurtosis, whiteness_statistic};
 use crate::whitening::NoiseModel;
@@ -128,6 +129,23 @@ pub fn kurtosis_limits(
         let normal = 3.0 + FOUR_SIGMAS * (24.0 / blocks).sqrt();
         quantile(&values, FALSE_REJECTION_RATE).map_or(NEVER, |limit| limit.max(normal))
     })
+}
+
+/// Largest growth of the squared gap, at three sigma, by something right: the noise of a state may grow where `added`, block averages of
+/// what it adds to the model, reduces the gap.
+pub fn largest_growth(case: &DiagnosisCase, state: &ModelState, added: &Series, seed: u64) -> f64 {
+    let path = case.run(state);
+    let growth = |run: usize| {
+        let with = draw(case, &path, &state.noise, seed.wrapping_add(run as u64));
+        let without = std::array::from_fn(|channel| {
+            with[channel].iter().zip(&added[channel]).map(|(with, added)| with + added).collect()
+        });
+        squares_of_blocks(case.measured, &with) - squares_of_blocks(case.measured, &without)
+    };
+    let growths: Vec<f64> = (0..NOISE_RUNS).into_par_iter().map(growth).collect();
+    let mean = growths.iter().sum::<f64>() / NOISE_RUNS as f64;
+    let variance = growths.iter().map(|growth| (growth - mean).powi(2)).sum::<f64>() / (NOISE_RUNS - 1) as f64;
+    mean + THREE_SIGMAS * variance.sqrt()
 }
 
 /// The value that a Gumbel distribution with the moments of these exceeds at this rate; `None` if all are equal.

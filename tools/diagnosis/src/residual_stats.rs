@@ -56,19 +56,34 @@ pub fn squares(measured: &MeasuredData, model: &Series) -> [f64; TIMING] {
         return windowed(measured, residual(measured, model)).each_ref().map(|gyro| squares_of(gyro));
     }
     let averages = measured.residual(model);
-    std::array::from_fn(|gyro| squares_about_means(&averages[gyro], &measured.blocks[gyro]))
+    std::array::from_fn(|gyro| squares_about(mean, &averages[gyro], &measured.blocks[gyro]))
 }
 
-/// Sum of the squares, in samples, of block averages about the mean of each window; a break starts another window.
-fn squares_about_means(averages: &[f64], blocks: &[Block]) -> f64 {
+/// The squared gap of all gyros from block averages of the residual.
+pub fn squares_of_blocks(measured: &MeasuredData, averages: &Series) -> f64 {
+    let origin = if measured.smoothed.is_some() { mean } else { first };
+    (0..TIMING).map(|gyro| squares_about(origin, &averages[gyro], &measured.blocks[gyro])).sum()
+}
+
+/// Sum of the squares, in samples, of block averages about the origin of each window; a break starts another window.
+fn squares_about(origin: fn(&[f64]) -> f64, averages: &[f64], blocks: &[Block]) -> f64 {
     let is_start = |block: usize| block.is_multiple_of(WINDOW / BLOCK) || blocks[block].restarts;
-    let about_mean = |range: Range<usize>| {
-        let compared = || range.clone().filter(|&block| blocks[block].is_compared).map(|block| averages[block]);
-        let mean = compared().sum::<f64>() / compared().count().max(1) as f64;
-        compared().map(|value| BLOCK as f64 * (value - mean).powi(2)).sum::<f64>()
+    let of_window = |range: Range<usize>| {
+        let compared: Vec<f64> =
+            range.filter(|&block| blocks[block].is_compared).map(|block| averages[block]).collect();
+        let origin = origin(&compared);
+        compared.iter().map(|value| BLOCK as f64 * (value - origin).powi(2)).sum::<f64>()
     };
     let starts: Vec<usize> = (0..blocks.len()).filter(|&block| is_start(block)).chain([blocks.len()]).collect();
-    starts.windows(2).map(|pair| about_mean(pair[0]..pair[1])).sum()
+    starts.windows(2).map(|pair| of_window(pair[0]..pair[1])).sum()
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+fn first(values: &[f64]) -> f64 {
+    values.first().copied().unwrap_or(0.0)
 }
 
 /// Sum of the squares of usable values.
@@ -143,7 +158,9 @@ mod tests {
         let broken = Block { is_good: false, is_compared: false, restarts: true };
         let blocks = [row, no_row, row, broken, row, row];
         // About 2: 1 and 1; about 100: 2 and 2.
-        assert_eq!(squares_about_means(&[1.0, 50.0, 3.0, 0.0, 98.0, 102.0], &blocks), 10.0 * (1.0 + 1.0 + 4.0 + 4.0));
+        let averages = [1.0, 50.0, 3.0, 0.0, 98.0, 102.0];
+        assert_eq!(squares_about(mean, &averages, &blocks), 10.0 * (1.0 + 1.0 + 4.0 + 4.0));
+        assert_eq!(squares_about(first, &averages, &blocks), 10.0 * (0.0 + 4.0 + 0.0 + 16.0));
     }
 
     #[test]

@@ -16,23 +16,24 @@ pub struct SquaredGap {
     pub reduced_chi2: f64,
 }
 
-/// Growth of the squared gap by one entry that refuses it whatever χ² does, as a share of the gap as configured: the residual of a true
-/// effect with a well-determined amplitude grows by its own error only.
+/// Growth of the squared gap by one entry that refuses it whatever χ² does, as a share of the gap as configured, if noise does not cause it:
+/// the residual of a true effect with a well-determined amplitude grows by its own error only.
 const LARGER: f64 = 0.1;
 /// Growth of the squared gap, as a share, that is none: an effect of the times hardly moves the angles.
 const EQUAL: f64 = 0.01;
 
 /// Removes the entries that may not be stated: one below its own threshold, a changed calibration of a gyro left unexplained, and one
-/// that makes the gap larger beside all others, by [`LARGER`], or by [`EQUAL`] with χ².
+/// that makes the gap larger beside all others, by [`LARGER`] and more than `by_noise` from those without it to all, or by [`EQUAL`] with χ².
 ///
 /// The gyros of a refused effect are unexplained.
 pub fn refuse(
     entries: &mut Vec<DiagnosedEffect>,
     unexplained: &mut Gyros,
     gap: impl Fn(&[&DiagnosedEffect]) -> SquaredGap,
+    by_noise: impl Fn(&[&DiagnosedEffect], &[&DiagnosedEffect]) -> f64,
 ) -> Refused {
     let mut refused = Refused::new();
-    while let Some((index, reason)) = first_refused(entries, unexplained, &gap) {
+    while let Some((index, reason)) = first_refused(entries, unexplained, &gap, &by_noise) {
         let entry = entries.remove(index);
         if entry.class == Class::MissingEffect {
             unexplained.iter_mut().zip(entry.gyros).for_each(|(gyro, own)| *gyro |= own);
@@ -46,6 +47,7 @@ fn first_refused(
     entries: &[DiagnosedEffect],
     unexplained: &Gyros,
     gap: &impl Fn(&[&DiagnosedEffect]) -> SquaredGap,
+    by_noise: &impl Fn(&[&DiagnosedEffect], &[&DiagnosedEffect]) -> f64,
 ) -> Option<(usize, &'static str)> {
     let of = |reason, is_refused: &dyn Fn(&DiagnosedEffect) -> bool| {
         entries.iter().position(is_refused).map(|index| (index, reason))
@@ -64,7 +66,8 @@ fn first_refused(
                 let without = gap(&others);
                 let growth = with.squares - without.squares;
                 let is_larger = growth > EQUAL * without.squares && without.reduced_chi2 < with.reduced_chi2;
-                entry.chi2.is_some() && (is_larger || growth > LARGER * configured.squares)
+                let is_much_larger = || growth > LARGER * configured.squares && growth > by_noise(&others, &all);
+                entry.chi2.is_some() && (is_larger || is_much_larger())
             };
             of("it makes the gap larger", &is_harmful)
         })
@@ -96,7 +99,7 @@ mod tests {
             let harm = entries.iter().filter(|entry| entry.code == "harmful").count() as f64;
             SquaredGap { squares: 10.0 + harm, reduced_chi2: 1.0 + harm }
         };
-        let refused = refuse(&mut entries, &mut unexplained, gap);
+        let refused = refuse(&mut entries, &mut unexplained, gap, |_, _| 0.0);
         let codes = entries.into_iter().map(|entry| entry.code).collect();
         (codes, unexplained, refused.iter().map(|own| finding(own).text).collect())
     }
