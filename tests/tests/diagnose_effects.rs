@@ -167,7 +167,7 @@ fn a_pulse_of_the_time_stamps_is_named_in_a_closed_loop() {
 /// of the quadratic part. A clock beside a time offset had the signature of another time course.
 #[test]
 #[ignore = "minutes; .ci/run has it"]
-fn two_effects_of_which_each_hides_the_other_are_named() {
+fn two_effects_of_which_each_masks_the_other_are_named() {
     let effect = PlantedEffect::new;
     let all = [Gyro::X, Gyro::Y, Gyro::Za, Gyro::Zb];
     let heating = [

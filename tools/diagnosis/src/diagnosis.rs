@@ -17,7 +17,7 @@ use crate::motion_segments;
 use crate::noise;
 use crate::null_distribution::{kurtosis_limits, largest_growth};
 use crate::outcome::{Class, DiagnosedEffect, Diagnosis, Gaps, Verdict};
-use crate::report::admission::{self, SquaredGap, refuse};
+use crate::report::admission::{self, Refused, SquaredGap, refuse};
 use crate::residual_map::residual_maps;
 use crate::residual_stats::{self, residual, windowed};
 use crate::shares::Shares;
@@ -96,13 +96,7 @@ impl Report<'_> {
         entries.retain(|entry| entry.class == Class::MissingEffect || !is_within(&entry.gyros, &unexplained_gyros));
         self.drop_harmful(&mut entries, selected.state.shifts);
         let shifts = selected.state.shifts;
-        let gap = |entries: &[&DiagnosedEffect]| self.gap_with(entries.iter().copied(), shifts);
-        let by_noise = |without: &[&DiagnosedEffect], with: &[&DiagnosedEffect]| {
-            let [without, with] =
-                [without, with].map(|entries| measured.run(&self.configured_with(entries.iter().copied()), shifts));
-            largest_growth(case, &selected.state, &measured.difference(&with, &without), self.seed)
-        };
-        let refused = refuse(&mut entries, &mut unexplained_gyros, gap, by_noise);
+        let refused = self.refuse(&mut entries, &mut unexplained_gyros, &selected.state);
         refused.iter().for_each(|(entry, _)| selected.drop_stated(case, entry));
         if !refused.is_empty() {
             selected.reset_noise(case, &unexplained_gyros);
@@ -165,6 +159,19 @@ impl Report<'_> {
             temperature_late_s: shifts.temperature_s,
             noise: selected.state.noise,
         }
+    }
+
+    /// Removes what may not be stated ([`refuse`]).
+    fn refuse(&self, entries: &mut Vec<DiagnosedEffect>, unexplained: &mut Gyros, state: &ModelState) -> Refused {
+        let (case, shifts) = (self.entries.case, state.shifts);
+        let gap = |entries: &[&DiagnosedEffect]| self.gap_with(entries.iter().copied(), shifts);
+        let by_noise = |without: &[&DiagnosedEffect], with: &[&DiagnosedEffect]| {
+            let run = |entries: &[&DiagnosedEffect]| {
+                case.measured.run(&self.configured_with(entries.iter().copied()), shifts)
+            };
+            largest_growth(case, state, &case.measured.difference(&run(with), &run(without)), self.seed)
+        };
+        refuse(entries, unexplained, gap, by_noise)
     }
 
     /// Removes hypotheses that are not acceptable; returns the gyros that remain unexplained and the whitened residual.
