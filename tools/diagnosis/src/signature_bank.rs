@@ -22,7 +22,7 @@ use crate::courses::{Courses, Mode, is_onset, is_switch, put};
 use crate::linear_algebra::increment_products;
 use crate::measured::{BLOCK_S, CHANNELS, MeasuredData, Series, Shifts, TIMING};
 use geu_hypothesis::Hypothesis;
-use geu_hypothesis::amplitude::{AmplitudeRef, AmplitudeSource, STEP, is_real};
+use geu_hypothesis::amplitude::{AmplitudeRef, AmplitudeSource, RAMP, STEP, is_real};
 use geu_hypothesis::gyros::ALL_GYROS;
 
 use grid::{NEAR_SIZES, own_shapes, visible};
@@ -264,17 +264,27 @@ impl SignatureBank {
         }
         let stepped = run(&tried);
         let step = Variation::Course { kind: STEP, shapes: vec![middle_s] };
-        let similarity = |mode: Mode, channels: Range<usize>| {
-            let values = self.courses.values(mode, &step, 0..blocks);
+        let similarity = |mode: Mode, course: &Variation, expected: &Series, channels: Range<usize>| {
+            let values = self.courses.values(mode, course, 0..blocks);
             let course = small.series.each_ref().map(|series| put(series, mode, values.as_deref(), 0..blocks));
-            cosine(&course, &stepped, channels)
+            cosine(&course, expected, channels)
         };
         // A clock is known by the times; what it turns the gyros by follows neither mode.
         let has_times = small.series[TIMING].iter().any(|&value| value != 0.0);
         let known = if has_times { TIMING..CHANNELS } else { 0..TIMING };
-        let [by_rate, by_level] = [Mode::Rate, Mode::Level].map(|mode| similarity(mode, known.clone()));
-        let mode = if by_rate >= by_level { Mode::Rate } else { Mode::Level };
-        let similarity = similarity(mode, 0..TIMING);
+        let of_modes = |course: &Variation, expected: &Series| {
+            [Mode::Rate, Mode::Level].map(|mode| similarity(mode, course, expected, known.clone()))
+        };
+        let mut by_mode = of_modes(&step, &stepped);
+        // A step between two motions agrees with both: a ramp does not.
+        if by_mode[0].min(by_mode[1]) >= SAME_SIGNATURE
+            && let Some(ramped) = amplitude.with(RAMP)
+        {
+            let ramped = Hypothesis { amplitude: ramped, ..hypothesis(ramped.size().max * SHARE) };
+            by_mode = of_modes(&Variation::Course { kind: RAMP, shapes: Vec::new() }, &run(&ramped));
+        }
+        let mode = if by_mode[0] >= by_mode[1] { Mode::Rate } else { Mode::Level };
+        let similarity = similarity(mode, &step, &stepped, 0..TIMING);
         (small.mode, small.is_exact) = (mode, similarity >= EXACT_SIGNATURE);
         let is_silent = cosine(&stepped, &stepped, 0..TIMING) == 0.0;
         if is_silent

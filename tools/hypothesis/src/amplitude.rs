@@ -23,8 +23,9 @@ pub enum AmplitudeSource {
     Term(Formula),
 }
 
-/// Index of a step in [`COURSES`].
+/// Index of a step in [`COURSES`], and of a ramp.
 pub const STEP: usize = 0;
+pub const RAMP: usize = 1;
 
 /// An amplitude of the model, constant or with a time course.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
