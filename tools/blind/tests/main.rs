@@ -107,13 +107,13 @@ fn diagnoses_are_scored_against_injected_effects() {
         ),
         (
             "not distinguishable",
-            result("explained", &[entry("drift-ramp", "GYRX", alternative(0.90, 8.0))]),
+            result("explained", &[entry("drift-ramp", "GYRX", alternative(0.90, 15.9))]),
             IsolationResult::Group,
             0,
         ),
         (
             "distinguishable",
-            result("explained", &[entry("drift-ramp", "GYRX", alternative(0.90, 10.0))]),
+            result("explained", &[entry("drift-ramp", "GYRX", alternative(0.90, 16.1))]),
             IsolationResult::Wrong,
             1,
         ),
