@@ -114,8 +114,12 @@ impl<'a> Solution<'a> {
             // A transient is as unlikely as a formula.
             let is_of_time = other.state.held.iter().any(|held| held.hypothesis.amplitude.is_formula_of_time());
             let margin = if effects.has_transient() && !is_of_time { 0.0 } else { FORMULA_MARGIN };
+            // What ends unexplained is not better than effects that do not.
+            let is_stated =
+                |own: &SelectedModel| is_noise(own, &thresholds) && !own.overfitted_gyros(nominal).contains(&true);
             let is_better = other.requires_formula(&case)
-                && other.score(&case, &thresholds) + margin < effects.score(&case, &thresholds);
+                && other.score(&case, &thresholds) + margin < effects.score(&case, &thresholds)
+                && (is_stated(&other) || !is_stated(&effects));
             if is_better { other } else { effects }
         };
         // A second effect on one gyro is rare: a formula is tried first.
