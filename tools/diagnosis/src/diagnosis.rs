@@ -102,7 +102,7 @@ impl Report<'_> {
             selected.reset_noise(case, &unexplained_gyros);
             left = selected.normal.projected_residual();
         }
-        findings.extend(smaller_noise(&left));
+        findings.extend(smaller_noise(measured, &left));
         let noises = self.entries.noises(&selected);
         let effects_end = entries.iter().take_while(|entry| entry.class == Class::MissingEffect).count();
         entries.splice(effects_end..effects_end, noises);
@@ -285,9 +285,10 @@ fn glitches(smoothed: &SmoothedReference) -> Option<Finding> {
     })
 }
 
-/// The finding of random walks that are configured larger than they are.
-fn smaller_noise(left: &Series) -> Option<Finding> {
-    let variances: [f64; TIMING] = std::array::from_fn(|gyro| variance(&left[gyro]));
+/// The finding of random walks that are configured larger than they are. Angles estimated from counts are closer to the model than noise.
+fn smaller_noise(measured: &MeasuredData, left: &Series) -> Option<Finding> {
+    let of_gyro = |gyro: usize| if measured.weights[gyro].is_none() { variance(&left[gyro]) } else { 0.0 };
+    let variances: [f64; TIMING] = std::array::from_fn(of_gyro);
     let is_smaller = variances.map(|variance| variance > 0.0 && variance < SMALLER_VARIANCE);
     let largest = variances.into_iter().filter(|variance| *variance < SMALLER_VARIANCE).fold(0.0, f64::max);
     is_smaller.contains(&true).then(|| Finding {
