@@ -65,6 +65,8 @@ pub struct ConstantSignature {
     pub series: [Arc<[f64]>; CHANNELS],
     /// Application of time courses.
     pub mode: Mode,
+    /// True if a step is that of an angle, or as similar to one: then it has the noise of jumps.
+    pub jumps: bool,
     /// Products of its time courses.
     pub products: ProductCache,
 }
@@ -90,8 +92,7 @@ impl ConstantSignature {
         let begins = variation.kind().is_some_and(|kind| COURSES[kind].shapes.iter().any(is_onset));
         match variation {
             _ if self.amplitude.formula().is_some() => HypothesisFamily::FORMULA,
-            // Immediate effects have the noise of jumps.
-            _ if begins && self.mode == Mode::Level => HypothesisFamily::SUDDEN,
+            _ if begins && self.jumps => HypothesisFamily::SUDDEN,
             Variation::Constant => HypothesisFamily::CONSTANT,
             Variation::Course { kind, .. } => HypothesisFamily::of_kind(*kind),
             Variation::Onset { .. } => HypothesisFamily::SUDDEN,
@@ -207,6 +208,7 @@ impl SignatureBank {
                 arcsec.get(channel).map_or_else(|| none.clone(), |arcsec| of_gyro(channel, arcsec))
             }),
             mode: Mode::Rate,
+            jumps: false,
             products: ProductCache::default(),
         };
         let signatures = |formulas: &[Formula]| -> Vec<ConstantSignature> {
@@ -248,6 +250,7 @@ impl SignatureBank {
             valid: NEAR_SIZES,
             series: run(&hypothesis(size)).map(Arc::from),
             mode,
+            jumps: mode == Mode::Level,
             products: ProductCache::default(),
         };
         let mut small = signature(limits.max * SHARE, Mode::Rate, true);
@@ -276,6 +279,7 @@ impl SignatureBank {
             [Mode::Rate, Mode::Level].map(|mode| similarity(mode, course, expected, known.clone()))
         };
         let mut by_mode = of_modes(&step, &stepped);
+        small.jumps = by_mode[1] > by_mode[0];
         // A step between two motions agrees with both: a ramp does not.
         if by_mode[0].min(by_mode[1]) >= SAME_SIGNATURE
             && let Some(ramped) = amplitude.with(RAMP)

@@ -26,7 +26,7 @@ const FORMULA_MARGIN: f64 = 10.0;
 const PAIR_ROUNDS: usize = 3;
 /// Version of the search beside the model's lists. It changes with grids, families and null recordings, so that stored thresholds never
 /// apply to another search.
-const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 34");
+const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 35");
 
 /// Options of a diagnosis.
 pub struct DiagnosisOptions<'a> {
