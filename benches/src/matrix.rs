@@ -218,15 +218,7 @@ impl Trial {
             .unwrap_or_default();
         let effects: Vec<PlantedEffect> = injected.iter().map(planted).collect();
         let (rows, reference) = self.recorded(&effects)?;
-        let options = DiagnosisOptions {
-            seed: 1,
-            clock_start_ns: reference.start_ns,
-            manoeuvres: None,
-            plans_manoeuvres: false,
-            known: &|_| None,
-            keep: &|_, _| (),
-            progress: &|_| (),
-        };
+        let options = DiagnosisOptions::new(reference.start_ns);
         let start = Instant::now();
         let diagnosis = diagnose_rows(&rows, &[], &nominal, &reference, &options)?;
         Ok(TrialRun::new(&motion, injected, &diagnosis, start.elapsed().as_secs_f64()))

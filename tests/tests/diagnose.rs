@@ -5,8 +5,7 @@ use std::collections::HashMap;
 use std::fs;
 use std::sync::Mutex;
 
-use geu_diagnosis::alternatives::AMBIGUITY_CHI2;
-use geu_diagnosis::outcome::{Class, DiagnosedEffect};
+use geu_diagnosis::outcome::DiagnosedEffect;
 use geu_diagnosis::{Diagnosis, DiagnosisOptions, Thresholds, Verdict, diagnose_rows, report};
 use geu_model::Configuration;
 use geu_model::units::SAMPLE_INTERVAL_S;
@@ -16,6 +15,8 @@ use geu_tests::comparison::Recording;
 use geu_tests::{give_way, recordings};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+
+use crate::diagnosed::missing;
 
 const ONSET: (&str, f64) = ("time_s", 5200.0);
 const X: &[Gyro] = &[Gyro::X];
@@ -39,15 +40,11 @@ fn recorded(plant: &IndependentModel) -> Recording {
 
 fn diagnosed(recording: &Recording, reference: &ReferenceAttitude, given: &Configuration) -> Diagnosis {
     let settings = DiagnosisOptions {
-        seed: 1,
-        clock_start_ns: reference.start_ns,
-        manoeuvres: None,
-        plans_manoeuvres: false,
         known: &|key| THRESHOLDS.lock().expect("no panic").get_or_insert_default().get(&key).cloned(),
         keep: &|key, thresholds| {
             THRESHOLDS.lock().expect("no panic").get_or_insert_default().insert(key, thresholds.clone());
         },
-        progress: &|_| (),
+        ..DiagnosisOptions::new(reference.start_ns)
     };
     diagnose_rows(&recording.rows, &[], given, reference, &settings).expect("a recording")
 }
@@ -115,10 +112,6 @@ fn diagnosis_of(seed: u64, injected: &[PlantedEffect], bench: Option<&Bench>) ->
     diagnosis
 }
 
-fn missing(diagnosis: &Diagnosis) -> impl Iterator<Item = &DiagnosedEffect> {
-    diagnosis.entries.iter().filter(|entry| entry.class == Class::MissingEffect)
-}
-
 fn gyros(injected: &PlantedEffect) -> [bool; 4] {
     let has = |gyro: &Gyro| injected.gyros.is_empty() || injected.gyros.contains(gyro);
     GYROS.each_ref().map(has)
@@ -127,9 +120,7 @@ fn gyros(injected: &PlantedEffect) -> [bool; 4] {
 /// True if the entry names the injected effect, itself or within its ambiguity group.
 fn names(entry: &DiagnosedEffect, injected: &PlantedEffect) -> bool {
     let is_rival = entry.alternatives.iter().any(|alternative| {
-        alternative.code == injected.code
-            && alternative.gyros == gyros(injected)
-            && alternative.delta_chi2.is_none_or(|behind| behind < AMBIGUITY_CHI2)
+        alternative.code == injected.code && alternative.gyros == gyros(injected) && alternative.is_indistinguishable()
     });
     entry.gyros == gyros(injected) && (entry.code == injected.code || is_rival)
 }

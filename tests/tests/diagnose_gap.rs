@@ -36,15 +36,8 @@ fn recorded(injected: Vec<PlantedEffect>, reference_late_s: f64) -> Recording {
 fn diagnosed(recording: &Recording, given: &Configuration) -> Diagnosis {
     static THRESHOLDS: Mutex<Option<Thresholds>> = Mutex::new(None);
     let mut thresholds = THRESHOLDS.lock().expect("no panic");
-    let settings = DiagnosisOptions {
-        seed: 1,
-        clock_start_ns: recording.reference.start_ns,
-        manoeuvres: None,
-        plans_manoeuvres: false,
-        known: &|_| thresholds.clone(),
-        keep: &|_, _| (),
-        progress: &|_| (),
-    };
+    let settings =
+        DiagnosisOptions { known: &|_| thresholds.clone(), ..DiagnosisOptions::new(recording.reference.start_ns) };
     let diagnosis = diagnose_rows(&recording.rows, &[], given, &recording.reference, &settings).expect("a recording");
     *thresholds = Some(diagnosis.thresholds.clone());
     diagnosis
@@ -91,15 +84,7 @@ fn a_rest_without_observable_lag_keeps_its_residual() {
         let arguments = ["simulate", "--duration", "600", "--seed", seed, "--out"];
         assert!(geu().args(arguments).arg(&run).status().expect("geu starts").success());
         let recording = Recording::read(&run.join("link.log"), &run.join("reference.csv"));
-        let settings = DiagnosisOptions {
-            seed: 1,
-            clock_start_ns: recording.reference.start_ns,
-            manoeuvres: None,
-            plans_manoeuvres: false,
-            known: &|_| None,
-            keep: &|_, _| (),
-            progress: &|_| (),
-        };
+        let settings = DiagnosisOptions::new(recording.reference.start_ns);
         let given = Configuration::reference();
         let diagnosis =
             diagnose_rows(&recording.rows, &[], &given, &recording.reference, &settings).expect("a recording");

@@ -2,7 +2,6 @@
 
 use std::fs;
 
-use geu_diagnosis::alternatives::AMBIGUITY_CHI2;
 use geu_diagnosis::outcome::{Class, DiagnosedEffect};
 use geu_diagnosis::{Diagnosis, DiagnosisOptions, Verdict, diagnose_rows, report};
 use geu_model::Configuration;
@@ -53,15 +52,7 @@ fn diagnosed_of(
     fs::write(&changed, rows.join("\n")).expect("written");
     let Received { rows, defects } = Received::read(&link);
     let reference = ReferenceAttitude::read_with_gaps(&changed.to_string_lossy()).expect("a reference");
-    let options = DiagnosisOptions {
-        seed: 1,
-        clock_start_ns: reference.start_ns,
-        manoeuvres: None,
-        plans_manoeuvres: false,
-        known: &|_| None,
-        keep: &|_, _| (),
-        progress: &|_| (),
-    };
+    let options = DiagnosisOptions::new(reference.start_ns);
     let diagnosis = diagnose_rows(&rows, &defects, given, &reference, &options).expect("a recording");
     println!("== seed {}: {:?}: {}", model.seed, model.effects, diagnosis.verdict.name());
     missing(&diagnosis).for_each(|entry| println!("   {}", report::heading(entry)));
@@ -84,9 +75,8 @@ pub fn assert_consistent(diagnosis: &Diagnosis) {
 /// Asserts that every entry is an injected effect or not distinguishable from one, on its gyros, and that each has its own entries.
 pub fn assert_all_named(diagnosis: &Diagnosis, injected: &[PlantedEffect]) {
     let is_named = |entry: &DiagnosedEffect, own: &PlantedEffect| {
-        let is_near =
-            |code: &str, delta: Option<f64>| code == own.code && delta.is_none_or(|delta| delta < AMBIGUITY_CHI2);
-        entry.code == own.code || entry.alternatives.iter().any(|other| is_near(&other.code, other.delta_chi2))
+        let mut same = entry.alternatives.iter().filter(|other| other.is_indistinguishable());
+        entry.code == own.code || same.any(|other| other.code == own.code)
     };
     assert_eq!(diagnosis.verdict, Verdict::Explained, "{injected:?}");
     assert!(missing(diagnosis).all(|entry| injected.iter().any(|own| is_named(entry, own))), "{injected:?}");

@@ -238,15 +238,8 @@ impl TrialMotion {
         recording: &SimulatedRecording,
         thresholds: Option<&Thresholds>,
     ) -> Result<Diagnosis, MeasuredError> {
-        let options = DiagnosisOptions {
-            seed: 1,
-            clock_start_ns: recording.reference.start_ns,
-            known: &|_| thresholds.cloned(),
-            keep: &|_, _| {},
-            manoeuvres: None,
-            plans_manoeuvres: false,
-            progress: &|_| {},
-        };
+        let options =
+            DiagnosisOptions { known: &|_| thresholds.cloned(), ..DiagnosisOptions::new(recording.reference.start_ns) };
         diagnose_rows(&recording.rows, &[], &self.nominal, &recording.reference, &options)
     }
 }

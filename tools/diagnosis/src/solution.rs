@@ -46,6 +46,21 @@ pub struct DiagnosisOptions<'a> {
     pub progress: &'a (dyn Fn(&str) + Sync),
 }
 
+impl DiagnosisOptions<'_> {
+    /// The first seed, the motion's own segments, no proposed manoeuvre, no stored thresholds and no progress.
+    pub fn new(clock_start_ns: i64) -> DiagnosisOptions<'static> {
+        DiagnosisOptions {
+            seed: 1,
+            clock_start_ns,
+            manoeuvres: None,
+            plans_manoeuvres: false,
+            known: &|_| None,
+            keep: &|_, _| (),
+            progress: &|_| (),
+        }
+    }
+}
+
 /// The selected model of a recording, and what it was selected with.
 pub struct Solution<'a> {
     pub case: DiagnosisCase<'a>,
