@@ -15,7 +15,7 @@ use crate::model_state::ModelState;
 use crate::normal_equations::NormalEquations;
 use crate::signature::Signature;
 use crate::signature_bank::{ConstantSignature, HypothesisFamily, SignatureBank, Variation};
-use crate::significance::{FOUR_SIGMAS, THREE_SIGMA_CHI2};
+use crate::significance::{FOUR_SIGMA_CHI2, THREE_SIGMA_CHI2};
 use crate::spots::{Spot, spots};
 use crate::temperature_lag::{LaggedFit, likeliest};
 use geu_hypothesis::Hypothesis;
@@ -30,9 +30,9 @@ const OPTIMISED: usize = 24;
 const MAX_ALTERNATIVES: usize = 64;
 /// Maximum number of formulas among them: many agree on one motion.
 const FORMULAS: usize = 3;
-/// Difference of χ² below which hypotheses are not distinguishable, four sigma: the hypothesis found is the best of many similar ones. With three
-/// sigma, noise excluded the true one in one recording of a hundred of the matrix (docs/diagnosis.md).
-pub const AMBIGUITY_CHI2: f64 = FOUR_SIGMAS * FOUR_SIGMAS;
+/// Difference of χ² below which hypotheses are not distinguishable, four sigma: the hypothesis found is the best of many similar ones.
+/// With three sigma, noise excluded the true one in 2 of 222 recordings with one effect (docs/diagnosis.md).
+pub const AMBIGUITY_CHI2: f64 = FOUR_SIGMA_CHI2;
 /// Difference of χ² below which another hypothesis with shape parameters or a nonlinear amplitude is fitted by the model before it is
 /// excluded: signatures have them on a grid only. Time courses of the same nonlinear amplitude are fitted at any difference.
 const NEAR_CHI2: f64 = 30.0;

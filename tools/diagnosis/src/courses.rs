@@ -20,10 +20,10 @@ use geu_hypothesis::amplitude::STEP;
 pub const SHORTEST_S: f64 = 6.0 * BLOCK_S;
 /// Quarter periods in the recording: of the shortest searched period; the longest has two.
 const QUARTER_TURNS: usize = 64;
-/// Searched onsets of permanent effects; of steps of a rate that many times a whole number, if the filter forgets a rate sooner than from
-/// one to the next.
+/// Searched onsets of permanent effects. Steps of a rate have a multiple of that, if the filter forgets a rate sooner than from one onset
+/// to the next.
 const ONSETS: usize = 64;
-/// Largest such number: onsets every 20 s in three hours.
+/// Largest multiple: onsets every 20 s in three hours.
 const MAX_FINER: f64 = 8.0;
 /// Searched onsets of effects that settle; the first is the start of the recording.
 const SETTLING_ONSETS: usize = 32;
@@ -38,9 +38,8 @@ const SUDDEN_ONSETS: usize = 4 * ONSETS;
 /// whitening filter remembers no longer.
 fn memory_s(configuration: &Configuration) -> f64 {
     let of_gyro = |own: &GyroEffects| {
-        // The variance of a rate from angles with the density S over t is 12 S/t³.
-        let rounding = SAMPLE_INTERVAL_S / 12.0;
-        let angles = 12.0 * (rounding + own.angle_random_walk.arcsec_per_sqrt_s.powi(2));
+        // The variance of a rate from angles with the density S over t is 12 S/t³; rounding has the twelfth of a sample interval.
+        let angles = 12.0 * (SAMPLE_INTERVAL_S / 12.0 + own.angle_random_walk.arcsec_per_sqrt_s.powi(2));
         let walk_s = (angles / own.drift_random_walk.arcsec_per_s_per_sqrt_s.powi(2)).powf(0.25);
         let flicker_s = (angles / (own.bias_instability.arcsec_per_h / S_PER_H).powi(2)).cbrt();
         walk_s.min(flicker_s)

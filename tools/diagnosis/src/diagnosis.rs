@@ -23,7 +23,7 @@ use crate::residual_stats::{self, residual, windowed};
 use crate::shares::Shares;
 use crate::solution::{DiagnosisOptions, Solution};
 use crate::unexplained::unexplained;
-use crate::whiteness::{kurtosis, variance, whiteness_statistic};
+use crate::whiteness::{kurtosis, moment, whiteness_statistic};
 use geu_checks::Finding;
 use geu_checks::check;
 use geu_hypothesis::gyros::{Gyros, is_within, names};
@@ -166,10 +166,9 @@ impl Report<'_> {
         let (case, shifts) = (self.entries.case, state.shifts);
         let gap = |entries: &[&DiagnosedEffect]| self.gap_with(entries.iter().copied(), shifts);
         let by_noise = |without: &[&DiagnosedEffect], with: &[&DiagnosedEffect]| {
-            let run = |entries: &[&DiagnosedEffect]| {
-                case.measured.run(&self.configured_with(entries.iter().copied()), shifts)
-            };
-            largest_growth(case, state, &case.measured.difference(&run(with), &run(without)), self.seed)
+            let configured = [with, without].map(|own| self.configured_with(own.iter().copied()));
+            let [with, without] = configured.map(|configured| case.measured.run(&configured, shifts));
+            largest_growth(case, state, &case.measured.difference(&with, &without), self.seed)
         };
         refuse(entries, unexplained, gap, by_noise)
     }
@@ -287,16 +286,15 @@ fn glitches(smoothed: &SmoothedReference) -> Option<Finding> {
 
 /// The finding of random walks that are configured larger than they are. Angles estimated from counts are closer to the model than noise.
 fn smaller_noise(measured: &MeasuredData, left: &Series) -> Option<Finding> {
-    let of_gyro = |gyro: usize| if measured.weights[gyro].is_none() { variance(&left[gyro]) } else { 0.0 };
+    let of_gyro = |gyro: usize| if measured.weights[gyro].is_none() { moment(&left[gyro], 2) } else { 0.0 };
     let variances: [f64; TIMING] = std::array::from_fn(of_gyro);
     let is_smaller = variances.map(|variance| variance > 0.0 && variance < SMALLER_VARIANCE);
-    let largest = variances.into_iter().filter(|variance| *variance < SMALLER_VARIANCE).fold(0.0, f64::max);
+    let times = variances.into_iter().filter(|variance| *variance < SMALLER_VARIANCE).fold(0.0, f64::max).sqrt();
     is_smaller.contains(&true).then(|| Finding {
         kind: "noise-smaller".to_owned(),
         place: names(&is_smaller).join(", "),
         text: format!(
-            "the residual is {:.2} times the noise as configured, or less: with the random walks that the gyro has, smaller effects are found",
-            largest.sqrt()
+            "at most {times:.2} times the noise as configured: with the walks of the gyro, smaller effects are found"
         ),
     })
 }

@@ -23,7 +23,7 @@ use crate::residual_stats::squares_of_blocks;
 use crate::search::{set_penalty, sets};
 use crate::signature::reaches;
 use crate::signature_bank::{HypothesisFamily, SignatureBank, Variation};
-use crate::significance::{FOUR_SIGMAS, THREE_SIGMAS};
+use crate::significance::{FOUR_SIGMA_CHI2, FOUR_SIGMAS, THREE_SIGMAS};
 use crate::sweep::{Swept, sweep};
 use crate::whiteness::{kurtosis, whiteness_statistic};
 use crate::whitening::NoiseModel;
@@ -42,7 +42,7 @@ const EULER: f64 = 0.577_215_664_901_532_9;
 const NOISE_RUNS: usize = 32;
 /// Minimum threshold of a larger walk, four sigma: eight hypotheses at one percent would be 10.3, but rounding that beats with a slow rate
 /// sometimes imitates a walk.
-const MIN_NOISE_CHI2: f64 = FOUR_SIGMAS * FOUR_SIGMAS;
+const MIN_NOISE_CHI2: f64 = FOUR_SIGMA_CHI2;
 /// Threshold of a family or channel without data.
 const NEVER: f64 = 1e9;
 
@@ -131,8 +131,8 @@ pub fn kurtosis_limits(
     })
 }
 
-/// Largest growth of the squared gap, at three sigma, by something right: the noise of a state may grow where `added`, block averages of
-/// what it adds to the model, reduces the gap.
+/// Growth of the squared gap, counts² times samples, by a right entry: three sigma above its mean. `added` are block averages of what the entry
+/// adds to the model, counts.
 pub fn largest_growth(case: &DiagnosisCase, state: &ModelState, added: &Series, seed: u64) -> f64 {
     let path = case.run(state);
     let growth = |run: usize| {

@@ -176,8 +176,7 @@ pub fn search(
     let is_finer = bank.step_spacing_s(Mode::Rate).is_some();
     let mut seen: HashMap<(Gyros, Option<usize>), usize> = HashMap::new();
     let is_kept = |(place, spot): (usize, Spot)| {
-        let kind = spot.variation.kind().filter(|_| is_finer);
-        let count = seen.entry((spot.gyros, kind)).or_default();
+        let count = seen.entry((spot.gyros, spot.variation.kind().filter(|_| is_finer))).or_default();
         *count += 1;
         (place < OPTIMISED || *count <= OPTIMISED_ON_SET && separate.contains(&spot.gyros)).then_some(spot)
     };

@@ -30,18 +30,14 @@ pub fn whiteness_statistic(left: &Series) -> (f64, [f64; CHANNELS]) {
     (channels[..TIMING].iter().copied().fold(f64::NEG_INFINITY, f64::max), channels)
 }
 
-/// Second moment. Blocks without data, exactly 0, are ignored.
-pub fn variance(values: &[f64]) -> f64 {
-    moment(values, 2)
-}
-
-/// Fourth moment over the square of the second; 3 of normal values. Blocks without data, exactly 0, are ignored.
+/// Fourth moment over the square of the second; 3 of normal values.
 pub fn kurtosis(values: &[f64]) -> f64 {
-    let variance = variance(values);
+    let variance = moment(values, 2);
     if variance > 0.0 { moment(values, 4) / variance.powi(2) } else { 0.0 }
 }
 
-fn moment(values: &[f64], power: i32) -> f64 {
+/// Mean of a power. Blocks without data, exactly 0, are ignored.
+pub fn moment(values: &[f64], power: i32) -> f64 {
     let known = || values.iter().filter(|value| **value != 0.0);
     known().map(|value| value.powi(power)).sum::<f64>() / known().count().max(1) as f64
 }
