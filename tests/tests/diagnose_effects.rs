@@ -165,7 +165,7 @@ fn a_pulse_of_the_time_stamps_is_named_in_a_closed_loop() {
 
 /// Found one by one, the first was another one: two of the temperature itself with a lag, a ramp on three gyros beside a larger walk, a wave
 /// of the quadratic part. A clock beside a time offset had the signature of another time course, and so had what settles and turns the gyro
-/// by its rate, which was lost counts.
+/// by its rate, which was lost counts. A drift and a clock were two walks with the penalty of one.
 #[test]
 #[ignore = "minutes; .ci/run has it"]
 fn two_effects_of_which_each_masks_the_other_are_named() {
@@ -194,6 +194,12 @@ fn two_effects_of_which_each_masks_the_other_are_named() {
         effect("output-axis-acceleration-periodic", &[Gyro::Zb], &wave),
         effect("output-axis-acceleration-settling", &[Gyro::Y], &settling),
     ];
+    let wave = [("amplitude_arcsec_per_h", 14.043), ("period_s", 7926.3), ("phase_rad", 4.0026)];
+    let settling = [("ppm", 1.5648e-2), ("time_s", 2037.1), ("time_constant_s", 2761.2)];
+    let drift_and_clock = [
+        effect("drift-periodic", &[Gyro::Zb], &wave),
+        effect("clock-frequency-settling", &all, &settling),
+    ];
     let slow = ReferenceKind::Quaternions { steps: 400, sigma_arcsec: 3.0 };
     let noisy = ReferenceKind::Quaternions { steps: 40, sigma_arcsec: 5.0 };
     let fast = ReferenceKind::Quaternions { steps: 10, sigma_arcsec: 1.0 };
@@ -204,6 +210,7 @@ fn two_effects_of_which_each_masks_the_other_are_named() {
         (391, MotionKind::Survey, slow, &ramps),
         (10_714_361_568, MotionKind::Survey, noisy, &accelerations),
         (9_651_140_505, MotionKind::RateTable, fast, &wave_and_trend),
+        (10_714_426_568, MotionKind::ClosedLoop, slow, &drift_and_clock),
     ] {
         let model = IndependentModel { motion, reference, ..IndependentModel::new(seed, injected.to_vec()) };
         assert_all_named(&diagnosed(&model, as_recorded), injected);

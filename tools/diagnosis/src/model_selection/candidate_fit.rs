@@ -46,6 +46,9 @@ pub(super) fn best_fit(
     let margin = |candidate: &Candidate| candidate.gain.chi2 - penalty(candidate);
     let fitted = |candidate: &Candidate| -> Option<Fit> {
         let (fall, tried, tried_normal) = fitted(case, thresholds, state, normal, candidate, is_predicted)?;
+        if fall <= 0.0 {
+            return None;
+        }
         // The first of the candidates with this spot.
         let key = |spot: &Spot| (spot.base, spot.variation.clone(), spot.gyros);
         let place = candidates.iter().position(|other| key(&other.spot) == key(&candidate.spot))?;
@@ -71,7 +74,8 @@ pub(super) fn best_fit(
     None
 }
 
-/// Fits a candidate beside a state: χ² reduction beyond its penalty, state and equations with it; `None` if it is not acceptable.
+/// Fits a candidate beside a state: χ² reduction beyond its penalty, state and equations with it; `None` if it is not possible or not
+/// predicted.
 pub(super) fn fitted(
     case: &DiagnosisCase,
     thresholds: &Thresholds,
@@ -100,7 +104,7 @@ pub(super) fn fitted(
     let held = &tried.held[last];
     let fall = normal.squares() - tried_normal.squares() - penalty;
     let is_searched = held.hypothesis.value > candidate.unsearched;
-    let is_accepted = fall > 0.0 && is_predicted(&held.held_out) && is_possible(held) && is_searched;
+    let is_accepted = is_predicted(&held.held_out) && is_possible(held) && is_searched;
     is_accepted.then_some((fall, tried, tried_normal))
 }
 

@@ -29,9 +29,8 @@ impl SelectedModel {
         let mut known = KnownWalks::new();
         for _ in 0..walks.len() {
             let larger = self.larger_walks(case, &walks, &mut known);
-            // Equal walks on several gyros have one cause: only the first pays the full threshold.
             let margin = |found: &IdentifiedNoise| {
-                let is_further = self.noise.iter().any(|other| other.walk == found.walk && other.channel != TIMING);
+                let is_further = self.noise.iter().any(|other| other.has_cause_of(found));
                 found.fitted.fall - if is_further { FURTHER_WALK_CHI2 } else { threshold }
             };
             match larger.into_iter().max_by(|a, b| margin(a).total_cmp(&margin(b))) {

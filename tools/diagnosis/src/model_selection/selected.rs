@@ -40,6 +40,11 @@ impl IdentifiedNoise {
         self.walk.growth(&nominal.gyros[self.channel].effects.constant)
     }
 
+    /// True for equal walks of gyros: they have one cause.
+    pub(super) fn has_cause_of(&self, other: &IdentifiedNoise) -> bool {
+        self.walk == other.walk && self.channel != TIMING && other.channel != TIMING
+    }
+
     /// True if rounding cannot imitate it.
     pub fn is_significant(&self, nominal: &Configuration, state: &ModelState) -> bool {
         self.channel != TIMING && state.noise[self.channel].walk(self.walk) >= MIN_WALK * self.configured(nominal)
@@ -100,8 +105,11 @@ impl SelectedModel {
         thresholds: &Thresholds,
         noise: &[NoiseModel; CHANNELS],
     ) -> f64 {
-        let walks = self.noise.len().min(1) as f64 * thresholds.largest()
-            + FURTHER_WALK_CHI2 * self.noise.len().saturating_sub(1) as f64;
+        let walk = |index: usize| match self.noise[..index].iter().any(|other| other.has_cause_of(&self.noise[index])) {
+            true => FURTHER_WALK_CHI2,
+            false => thresholds.largest(),
+        };
+        let walks: f64 = (0..self.noise.len()).map(walk).sum();
         let (residual, calibration) = (case.residual(&self.state), &self.state.calibration);
         let normal = NormalEquations::new(case.whitenings(noise), &residual, &case.nuisances, calibration);
         normal.deviance() + self.penalties() + walks
