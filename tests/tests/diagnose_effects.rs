@@ -196,10 +196,8 @@ fn two_effects_of_which_each_masks_the_other_are_named() {
     ];
     let wave = [("amplitude_arcsec_per_h", 14.043), ("period_s", 7926.3), ("phase_rad", 4.0026)];
     let settling = [("ppm", 1.5648e-2), ("time_s", 2037.1), ("time_constant_s", 2761.2)];
-    let drift_and_clock = [
-        effect("drift-periodic", &[Gyro::Zb], &wave),
-        effect("clock-frequency-settling", &all, &settling),
-    ];
+    let drift_and_clock =
+        [effect("drift-periodic", &[Gyro::Zb], &wave), effect("clock-frequency-settling", &all, &settling)];
     let slow = ReferenceKind::Quaternions { steps: 400, sigma_arcsec: 3.0 };
     let noisy = ReferenceKind::Quaternions { steps: 40, sigma_arcsec: 5.0 };
     let fast = ReferenceKind::Quaternions { steps: 10, sigma_arcsec: 1.0 };

@@ -45,10 +45,8 @@ pub(super) fn best_fit(
     let penalty = |candidate: &Candidate| thresholds.penalty(candidate.family, &candidate.hypothesis);
     let margin = |candidate: &Candidate| candidate.gain.chi2 - penalty(candidate);
     let fitted = |candidate: &Candidate| -> Option<Fit> {
-        let (fall, tried, tried_normal) = fitted(case, thresholds, state, normal, candidate, is_predicted)?;
-        if fall <= 0.0 {
-            return None;
-        }
+        let fit = fitted(case, thresholds, state, normal, candidate, is_predicted);
+        let (fall, tried, tried_normal) = fit.filter(|(fall, ..)| *fall > 0.0)?;
         // The first of the candidates with this spot.
         let key = |spot: &Spot| (spot.base, spot.variation.clone(), spot.gyros);
         let place = candidates.iter().position(|other| key(&other.spot) == key(&candidate.spot))?;

@@ -3,7 +3,6 @@
 
 use crate::fitted_hypothesis::FittedHypothesis;
 use crate::measured::TIMING;
-use crate::model_state::ModelState;
 use crate::normal_equations::NormalEquations;
 use crate::search::{Candidate, best_spots, optimised, score, shape_penalty};
 use crate::signature_bank::Variation;
@@ -98,12 +97,9 @@ fn pair_in_place_of(
     ranked.retain(|(score, _)| *score > required);
     ranked.sort_by(|one, other| other.0.total_cmp(&one.0));
     ranked.truncate(FITTED);
-    let add = |pair: &mut SelectedModel,
-               candidates: Vec<Candidate>,
-               place,
-               (state, normal): (ModelState, NormalEquations)| {
-        pair.steps.push(SelectionStep { candidates, kept: Some(state.held.len() - 1), added: Some(place) });
-        (pair.state, pair.normal) = (state, normal);
+    let add = |pair: &mut SelectedModel, candidates: Vec<Candidate>, place, fitted| {
+        (pair.state, pair.normal) = fitted;
+        pair.steps.push(SelectionStep { candidates, kept: Some(pair.state.held.len() - 1), added: Some(place) });
         pair.free_shapes(case);
         pair.round_count(case);
     };
@@ -118,6 +114,5 @@ fn pair_in_place_of(
         let is_within = (0..TIMING).all(|gyro| pair.on(gyro).count() <= per_gyro + 1);
         (is_within && pair.is_predicted(case)).then_some(pair)
     };
-    let pairs = ranked.into_iter().filter_map(fit);
-    pairs.min_by(|one, other| one.penalised_chi2().total_cmp(&other.penalised_chi2()))
+    ranked.into_iter().filter_map(fit).min_by(|one, other| one.penalised_chi2().total_cmp(&other.penalised_chi2()))
 }

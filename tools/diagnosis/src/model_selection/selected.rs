@@ -105,11 +105,9 @@ impl SelectedModel {
         thresholds: &Thresholds,
         noise: &[NoiseModel; CHANNELS],
     ) -> f64 {
-        let walk = |index: usize| match self.noise[..index].iter().any(|other| other.has_cause_of(&self.noise[index])) {
-            true => FURTHER_WALK_CHI2,
-            false => thresholds.largest(),
-        };
-        let walks: f64 = (0..self.noise.len()).map(walk).sum();
+        let is_further = |index: &usize| self.noise[..*index].iter().any(|one| one.has_cause_of(&self.noise[*index]));
+        let further = (0..self.noise.len()).filter(is_further).count() as f64;
+        let walks = (self.noise.len() as f64 - further) * thresholds.largest() + further * FURTHER_WALK_CHI2;
         let (residual, calibration) = (case.residual(&self.state), &self.state.calibration);
         let normal = NormalEquations::new(case.whitenings(noise), &residual, &case.nuisances, calibration);
         normal.deviance() + self.penalties() + walks
