@@ -238,10 +238,12 @@ fn in_place_of(
     });
     let in_group = spots.iter().take_while(|spot| fall - spot.gain.chi2 < AMBIGUITY_CHI2).count();
     spots.truncate(in_group.clamp(OPTIMISED, MAX_ALTERNATIVES));
+    let parameters = held.parameters();
+    let onset_s: Vec<f64> = parameters.iter().filter(|own| own.role == Role::Onset).map(|own| own.value).collect();
     let alternative = |(place, spot): (usize, &Spot)| -> Option<Alternative> {
         let mut best = Spot::fit(bank, normal, spot.base, spot.variation.clone(), spot.gyros).filter(is_possible)?;
         if place < OPTIMISED {
-            best = spot.optimised(bank, normal, is_possible).unwrap_or(best);
+            best = spot.optimised(bank, normal, &onset_s, is_possible).unwrap_or(best);
         }
         let cosine = own.cosine(normal, &best.signature(bank, normal));
         let (hypothesis, family) = (best.hypothesis(bank), best.family(bank));

@@ -108,7 +108,7 @@ impl Variation {
     }
 
     /// Value of its first shape with this role.
-    fn shape(&self, role: Role) -> Option<f64> {
+    pub fn shape(&self, role: Role) -> Option<f64> {
         let Variation::Course { kind, shapes } = self else { return None };
         COURSES[*kind].shapes.iter().position(|number| number.role == role).map(|index| shapes[index])
     }

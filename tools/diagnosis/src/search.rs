@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use geu_model::parameter_spec::Role;
 use rayon::prelude::*;
 
 use crate::courses::{Mode, is_onset};
@@ -180,16 +181,32 @@ pub fn search(
         *count += 1;
         (place < OPTIMISED || *count <= OPTIMISED_ON_SET && separate.contains(&spot.gyros)).then_some(spot)
     };
-    let best: Vec<Spot> = best.into_iter().enumerate().filter_map(is_kept).collect();
-    let mut best: Vec<Spot> = best.into_par_iter().map(|spot| optimised(bank, normal, state, spot)).collect();
+    let settles = |spot: &Spot| spot.variation.shape(Role::TimeConstant).is_some();
+    let (settling, others): (Vec<Spot>, Vec<Spot>) =
+        best.into_iter().enumerate().filter_map(is_kept).partition(settles);
+    let mut best: Vec<Spot> = others.into_par_iter().map(|spot| optimised(bank, normal, state, &[], spot)).collect();
+    // What settles may begin with the step or pulse of its amplitude, between two onsets of the grid.
+    let settled = |spot: Spot| {
+        let same = best.iter().filter(|other| (other.base, other.gyros) == (spot.base, spot.gyros));
+        let onsets_s: Vec<f64> = same.filter_map(|other| other.variation.shape(Role::Onset)).collect();
+        optimised(bank, normal, state, &onsets_s, spot)
+    };
+    let settling: Vec<Spot> = settling.into_par_iter().map(settled).collect();
+    best.extend(settling);
     best.sort_by(|a, b| score(b).total_cmp(&score(a)));
     without_repetitions(bank, &mut best);
     best.into_iter().map(|spot| Candidate::new(bank, normal, spot)).collect()
 }
 
 /// A spot with optimised shape parameters, or the step at the same onset if that explains nearly the same.
-pub fn optimised(bank: &SignatureBank, normal: &NormalEquations, state: &ModelState, spot: Spot) -> Spot {
-    let best = spot.optimised(bank, normal, |spot| spot.is_physical(bank, state)).unwrap_or(spot);
+pub fn optimised(
+    bank: &SignatureBank,
+    normal: &NormalEquations,
+    state: &ModelState,
+    onsets_s: &[f64],
+    spot: Spot,
+) -> Spot {
+    let best = spot.optimised(bank, normal, onsets_s, |spot| spot.is_physical(bank, state)).unwrap_or(spot);
     best.as_step(bank, normal, TWO_SIGMA_CHI2).filter(|spot| is_possible(bank, state, spot)).unwrap_or(best)
 }
 

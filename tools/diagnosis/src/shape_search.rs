@@ -23,11 +23,12 @@ const PHASE_RAD: f64 = 0.3;
 
 /// Local maximum of `of` near a variation, and its value. A variation without shape parameters stays; of an immediate effect the blocks
 /// beside its own are tried, which the grid leaves out. If the maximum is narrower than the grid, the likeliest of all steps at this spacing
-/// is a second start.
+/// is a second start; for what settles, so is each of `onsets_s`.
 pub fn maximise(
     start: Variation,
     duration_s: f64,
     spacing_s: Option<f64>,
+    onsets_s: &[f64],
     of: &dyn Fn(&Variation) -> f64,
 ) -> (Variation, f64) {
     let value = of(&start);
@@ -41,9 +42,12 @@ pub fn maximise(
     let Variation::Course { kind, shapes } = start else { return (start, value) };
     let course = Course { kind, duration_s, spacing_s, of };
     let from_step = course.at_likeliest_step(&shapes);
-    let starts = std::iter::once((value, shapes)).chain(from_step);
+    let onsets_s = if course.place(Role::TimeConstant).is_some() { onsets_s } else { &[] };
+    let from_onsets: Vec<Valued> =
+        onsets_s.iter().filter_map(|own| course.at_likeliest_length(&shapes, *own)).collect();
+    let starts = std::iter::once((value, shapes)).chain(from_step).chain(from_onsets);
     let best = starts.map(|start| course.ascend(start)).reduce(|best, own| if own.0 > best.0 { own } else { best });
-    let (value, shapes) = best.expect("one start or two");
+    let (value, shapes) = best.expect("at least one start");
     (Variation::Course { kind, shapes }, value)
 }
 
@@ -70,21 +74,28 @@ impl Course<'_> {
     /// The best course that begins or ends with the likeliest step, with the other shapes of `start`; `None` if it has no onset, or if
     /// the grid is fine enough.
     fn at_likeliest_step(&self, start: &[f64]) -> Option<Valued> {
-        let (onset, spacing_s) = (self.place(Role::Onset)?, self.spacing_s?);
+        let spacing_s = self.spacing_s?;
+        self.place(Role::Onset)?;
         let step = Course { kind: STEP, ..*self };
         let onsets = (1..(self.duration_s / spacing_s) as usize).map(|place| place as f64 * spacing_s);
         let of_step = onsets.map(|onset_s| step.valued(vec![onset_s]));
         let (_, likeliest) = of_step.reduce(|best, own| if own.0 > best.0 { own } else { best })?;
+        self.at_likeliest_length(start, likeliest[0])
+    }
+
+    /// The best course that begins or ends then, with the other shapes of `start`; `None` if it has no onset.
+    fn at_likeliest_length(&self, start: &[f64], begin_s: f64) -> Option<Valued> {
+        let onset = self.place(Role::Onset)?;
         let length = self.place(Role::Duration).or_else(|| self.place(Role::TimeConstant));
-        let Some(length) = length else { return Some(self.valued(likeliest)) };
+        let Some(length) = length else { return Some(self.valued(vec![begin_s])) };
         let of_length = |length_s: f64| {
             let at = move |onset_s: f64| {
                 let mut shapes = start.to_vec();
                 (shapes[onset], shapes[length]) = (onset_s, length_s);
                 shapes
             };
-            let ends = self.place(Role::Duration).map(|_| likeliest[0] - length_s).filter(|onset_s| *onset_s > 0.0);
-            std::iter::once(likeliest[0]).chain(ends).map(at).collect::<Vec<_>>()
+            let ends = self.place(Role::Duration).map(|_| begin_s - length_s).filter(|onset_s| *onset_s > 0.0);
+            std::iter::once(begin_s).chain(ends).map(at).collect::<Vec<_>>()
         };
         let lengths_s = (1..=LENGTHS).map(|halvings| self.duration_s * 0.5_f64.powi(halvings));
         let tried = lengths_s.flat_map(of_length).map(|shapes| self.valued(shapes));
@@ -166,7 +177,7 @@ mod tests {
             _ => f64::NAN,
         };
         let (Variation::Course { shapes, .. }, value) =
-            maximise(Variation::Course { kind, shapes: vec![5400.0, 0.0] }, 10_800.0, None, &of)
+            maximise(Variation::Course { kind, shapes: vec![5400.0, 0.0] }, 10_800.0, None, &[], &of)
         else {
             panic!("a course stays one");
         };
@@ -188,8 +199,8 @@ mod tests {
             _ => f64::NAN,
         };
         let start = || Variation::Course { kind, shapes: vec![3600.0, 2700.0] };
-        assert_eq!(maximise(start(), duration_s, None, &of).1, 0.0);
-        assert!(maximise(start(), duration_s, Some(10.0), &of).1 > 0.9);
+        assert_eq!(maximise(start(), duration_s, None, &[], &of).1, 0.0);
+        assert!(maximise(start(), duration_s, Some(10.0), &[], &of).1 > 0.9);
     }
 
     #[test]
@@ -200,16 +211,19 @@ mod tests {
         };
         for (start, expected) in [(0, 1), (2, 1), (1, 1), (5, 4)] {
             assert_eq!(
-                maximise(Variation::Onset { block: start }, 100.0, Some(10.0), &of).0,
+                maximise(Variation::Onset { block: start }, 100.0, Some(10.0), &[], &of).0,
                 Variation::Onset { block: expected }
             );
         }
         // Neither before the start nor after the end.
         let later = |variation: &Variation| -of(variation);
         assert_eq!(
-            maximise(Variation::Onset { block: 19 }, 100.0, Some(10.0), &later).0,
+            maximise(Variation::Onset { block: 19 }, 100.0, Some(10.0), &[], &later).0,
             Variation::Onset { block: 19 }
         );
-        assert_eq!(maximise(Variation::Onset { block: 0 }, 100.0, Some(10.0), &later).0, Variation::Onset { block: 0 });
+        assert_eq!(
+            maximise(Variation::Onset { block: 0 }, 100.0, Some(10.0), &[], &later).0,
+            Variation::Onset { block: 0 }
+        );
     }
 }

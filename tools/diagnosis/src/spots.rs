@@ -128,11 +128,13 @@ impl Spot {
         (step.gain.chi2 > self.gain.chi2 - shape_chi2 && step.is_valid(bank)).then_some(step)
     }
 
-    /// Optimises the shape parameters among the possible spots; `None` if the result exceeds the limits of the model.
+    /// Optimises the shape parameters among the possible spots, for what settles also from these onsets; `None` if the result exceeds the
+    /// limits of the model.
     pub fn optimised(
         &self,
         bank: &SignatureBank,
         normal: &NormalEquations,
+        onsets_s: &[f64],
         is_possible: impl Fn(&Spot) -> bool,
     ) -> Option<Spot> {
         let duration_s = normal.residual[0].len() as f64 * BLOCK_S;
@@ -141,7 +143,7 @@ impl Spot {
         };
         let spacing_s = bank.step_spacing_s(self.base(bank).mode);
         let chi2 = |variation: &Variation| at(variation).map_or(0.0, |spot| spot.gain.chi2);
-        let (variation, _) = maximise(self.variation.clone(), duration_s, spacing_s, &chi2);
+        let (variation, _) = maximise(self.variation.clone(), duration_s, spacing_s, onsets_s, &chi2);
         at(&variation).filter(|spot| spot.hypothesis(bank).is_within_limits())
     }
 }

@@ -105,7 +105,7 @@ fn pair_in_place_of(
     };
     let fit = |(_, first): (f64, Spot)| {
         let mut pair = SelectedModel { rejected: None, is_cut: false, ..base.clone() };
-        let first = Candidate::new(&bank, &base.normal, optimised(&bank, &base.normal, &base.state, first));
+        let first = Candidate::new(&bank, &base.normal, optimised(&bank, &base.normal, &base.state, &[], first));
         let (_, state, normal) = fitted(case, thresholds, &base.state, &base.normal, &first, |_| true)?;
         add(&mut pair, vec![first], 0, (state, normal));
         let seconds = searches.candidates(&pair.state, &pair.normal);

@@ -164,11 +164,14 @@ impl SelectedModel {
                 continue;
             }
             let (rise, mut state) = moved(0.5 * (after_s - before_s));
-            if rise > TWO_SIGMA_CHI2 {
+            let fitted = (rise <= TWO_SIGMA_CHI2).then(|| case.fit(&mut state));
+            // The amplitude that belongs to the middle may be beyond its limits.
+            let is_near = |normal: &NormalEquations| normal.squares() - self.normal.squares() <= TWO_SIGMA_CHI2;
+            let Some(normal) = fitted.filter(is_near) else {
                 self.state.held[index].sigmas[place] = before_s.max(after_s);
                 continue;
-            }
-            self.normal = case.fit(&mut state);
+            };
+            self.normal = normal;
             state.held[index].sigmas[place] = half_s / 3.0_f64.sqrt();
             self.state = state;
         }
