@@ -125,8 +125,10 @@ fn steep_starts(case: &DiagnosisCase, state: &ModelState, hypothesis: &Hypothesi
     [state.clone(), as_given].map(with_value).into()
 }
 
+/// χ² reduction less the penalties, and less what it predicts the thirds worse.
 fn score(fit: &Fit) -> f64 {
-    fit.0 - fit.2.held.last().map_or(0.0, |held| shape_penalty(&held.hypothesis))
+    let predicted = |held: &FittedHypothesis| held.held_out.iter().flatten().sum::<f64>();
+    fit.2.held.last().map_or(fit.0, |held| fit.0 - shape_penalty(&held.hypothesis) + predicted(held).min(0.0))
 }
 
 /// Amplitude as a share of its largest value.
