@@ -47,7 +47,7 @@ pub fn maximise(
         onsets_s.iter().filter_map(|own| course.at_likeliest_length(&shapes, *own)).collect();
     let starts = std::iter::once((value, shapes)).chain(from_step).chain(from_onsets);
     let best = starts.map(|start| course.ascend(start)).reduce(|best, own| if own.0 > best.0 { own } else { best });
-    let (value, shapes) = best.expect("at least one start");
+    let (value, shapes) = best.expect("the start itself");
     (Variation::Course { kind, shapes }, value)
 }
 
