@@ -23,7 +23,7 @@ const PHASE_RAD: f64 = 0.3;
 
 /// Local maximum of `of` near a variation, and its value. A variation without shape parameters stays; of an immediate effect the blocks
 /// beside its own are tried, which the grid leaves out. If the maximum is narrower than the grid, the likeliest of all steps at this spacing
-/// is a second start; for what settles, so is each of `onsets_s`.
+/// is a second start. For a course that settles, each of `onsets_s` is a further one.
 pub fn maximise(
     start: Variation,
     duration_s: f64,
@@ -201,6 +201,25 @@ mod tests {
         let start = || Variation::Course { kind, shapes: vec![3600.0, 2700.0] };
         assert_eq!(maximise(start(), duration_s, None, &[], &of).1, 0.0);
         assert!(maximise(start(), duration_s, Some(10.0), &[], &of).1 > 0.9);
+    }
+
+    #[test]
+    fn what_settles_is_found_from_a_further_onset() {
+        let kind = COURSES.iter().position(|kind| kind.shapes.iter().any(|shape| shape.role == Role::TimeConstant));
+        let kind = kind.expect("a course that settles");
+        // A low hill at the start, and a higher one at another onset.
+        let of = |variation: &Variation| match variation {
+            Variation::Course { shapes, .. } => {
+                let hill = |onset_s: f64, constant_s: f64| {
+                    ((shapes[0] - onset_s) / 200.0).powi(2) + ((shapes[1] - constant_s) / 500.0).powi(2)
+                };
+                (-hill(3450.0, 4800.0)).exp().max(2.0 * (-hill(5200.0, 1230.0)).exp())
+            }
+            _ => f64::NAN,
+        };
+        let start = || Variation::Course { kind, shapes: vec![3450.0, 5400.0] };
+        assert!(maximise(start(), 10_800.0, None, &[], &of).1 < 1.1);
+        assert!(maximise(start(), 10_800.0, None, &[5190.0], &of).1 > 1.9);
     }
 
     #[test]

@@ -125,7 +125,7 @@ fn steep_starts(case: &DiagnosisCase, state: &ModelState, hypothesis: &Hypothesi
     [state.clone(), as_given].map(with_value).into()
 }
 
-/// χ² reduction less the penalties, and less what it predicts the thirds worse.
+/// χ² reduction less the penalties, and less by how much the thirds are predicted worse.
 fn score(fit: &Fit) -> f64 {
     let predicted = |held: &FittedHypothesis| held.held_out.iter().flatten().sum::<f64>();
     fit.2.held.last().map_or(fit.0, |held| fit.0 - shape_penalty(&held.hypothesis) + predicted(held).min(0.0))

@@ -30,7 +30,7 @@ impl SelectedModel {
         for _ in 0..walks.len() {
             let larger = self.larger_walks(case, &walks, &mut known);
             let margin = |found: &IdentifiedNoise| {
-                let is_further = self.noise.iter().any(|other| other.has_cause_of(found));
+                let is_further = self.noise.iter().any(|other| other.has_one_cause_with(found));
                 found.fitted.fall - if is_further { FURTHER_WALK_CHI2 } else { threshold }
             };
             match larger.into_iter().max_by(|a, b| margin(a).total_cmp(&margin(b))) {

@@ -41,7 +41,7 @@ impl IdentifiedNoise {
     }
 
     /// True for equal walks of gyros: they have one cause.
-    pub(super) fn has_cause_of(&self, other: &IdentifiedNoise) -> bool {
+    pub(super) fn has_one_cause_with(&self, other: &IdentifiedNoise) -> bool {
         self.walk == other.walk && self.channel != TIMING && other.channel != TIMING
     }
 
@@ -105,7 +105,8 @@ impl SelectedModel {
         thresholds: &Thresholds,
         noise: &[NoiseModel; CHANNELS],
     ) -> f64 {
-        let is_further = |index: &usize| self.noise[..*index].iter().any(|one| one.has_cause_of(&self.noise[*index]));
+        let is_further =
+            |index: &usize| self.noise[..*index].iter().any(|one| one.has_one_cause_with(&self.noise[*index]));
         let further = (0..self.noise.len()).filter(is_further).count() as f64;
         let walks = (self.noise.len() as f64 - further) * thresholds.largest() + further * FURTHER_WALK_CHI2;
         let (residual, calibration) = (case.residual(&self.state), &self.state.calibration);
