@@ -10,6 +10,8 @@ pub mod engine;
 pub mod expectation;
 pub mod expression;
 
+use std::sync::LazyLock;
+
 use geu_protocol::Gyro;
 
 use crate::effect::{EffectSpec, Effects, GyroEffects, UnitEffects, WiringEffects};
@@ -34,6 +36,9 @@ pub enum EffectList {
     /// [`WiringEffects`].
     Wiring,
 }
+
+/// An effect, its numbers, and whether it is a noise and withholds small motions.
+type Facts = (&'static EffectSpec, &'static [ParameterSpec], [bool; 2]);
 
 /// A number of an effect, which a fault can move.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -88,16 +93,18 @@ impl ParameterRef {
         self.facts().2[1]
     }
 
-    fn facts(&self) -> (&'static EffectSpec, &'static [ParameterSpec], [bool; 2]) {
-        fn facts<E: Effects>(effect: usize) -> (&'static EffectSpec, &'static [ParameterSpec], [bool; 2]) {
+    /// From a table: [`Effects`] requires values of all effects of a list, which takes longer.
+    fn facts(&self) -> Facts {
+        fn of_list<E: Effects>() -> Vec<Facts> {
             let all = E::default();
-            (&all.specs()[effect], all.numbers(effect).specs(), [all.is_noise(effect), all.filters_motion(effect)])
+            let facts = |effect: usize| {
+                (&all.specs()[effect], all.numbers(effect).specs(), [all.is_noise(effect), all.filters_motion(effect)])
+            };
+            (0..all.specs().len()).map(facts).collect()
         }
-        match self.list {
-            EffectList::Unit => facts::<UnitEffects>(self.effect),
-            EffectList::Head => facts::<GyroEffects>(self.effect),
-            EffectList::Wiring => facts::<WiringEffects>(self.effect),
-        }
+        static ALL: LazyLock<[Vec<Facts>; 3]> =
+            LazyLock::new(|| [of_list::<UnitEffects>(), of_list::<GyroEffects>(), of_list::<WiringEffects>()]);
+        ALL[self.list as usize][self.effect]
     }
 
     pub fn number(&self) -> &'static ParameterSpec {
