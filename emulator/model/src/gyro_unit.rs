@@ -67,18 +67,17 @@ struct SelfTest {
 #[derive(Debug, Clone)]
 struct Channel {
     power: Power,
-    /// Accumulated counts as a real number, and rounded. The increment is the difference of the rounded.
+    /// Accumulated counts as a real number.
     accumulated: f64,
-    rounded: f64,
 }
 
 impl Channel {
     /// The increment: the difference of the rounded accumulated counts, so that no fraction is ever lost.
     #[inline]
     fn accumulate(&mut self, unquantised: f64) -> f64 {
+        let before = self.accumulated.round();
         self.accumulated += unquantised;
-        let before = std::mem::replace(&mut self.rounded, self.accumulated.round());
-        self.rounded - before
+        self.accumulated.round() - before
     }
 }
 
@@ -135,7 +134,7 @@ impl GyroUnit {
             motion: truth.clone(),
             truth,
             package: Package::start(configuration.seed),
-            channels: Gyro::ALL.map(|_| Channel { power: Power::On(0), accumulated: 0.0, rounded: 0.0 }),
+            channels: Gyro::ALL.map(|_| Channel { power: Power::On(0), accumulated: 0.0 }),
             computed: [ComputedParts::ALL; 4],
             wiring: WiringStates::default(),
             configuration: Arc::new(configuration.clone()),
@@ -200,7 +199,12 @@ impl GyroUnit {
     fn end<T: Probe>(&mut self) -> (CompletedSample, [T; 4]) {
         let (start_s, end_s) = (self.start_fs as f64 * 1e-15, self.end_fs as f64 * 1e-15);
         let mut taps: [T; 4] = std::array::from_fn(|_| T::default());
-        let (mut counts, interval) = self.count(start_s, end_s, &mut taps);
+        let temperatures = self.temperatures(0.5 * (start_s + end_s));
+        let interval = temperatures.interval(start_s, end_s);
+        let mut steps = [SubStep::default(); SUB_STEPS];
+        let truths = self.advance::<T>(start_s, end_s, &mut steps);
+        let unquantised = self.count(&temperatures, &interval, &steps, &truths, &mut taps);
+        let mut counts: [f64; 4] = std::array::from_fn(|index| self.channels[index].accumulate(unquantised[index]));
         self.apply_wiring(&interval, &mut counts, &mut taps);
         let mut sample = Sample::default();
         let mut is_synchronous = self.apply_power(&mut counts, &mut sample, &mut taps);
@@ -240,9 +244,8 @@ impl GyroUnit {
     }
 
     /// Motion of the sub-steps of a sample: as counted, and the truth if a probe records it and it differs.
-    fn advance<T: Probe>(&mut self, start_s: f64, end_s: f64) -> ([SubStep; SUB_STEPS], Vec<MotionStep>) {
+    fn advance<T: Probe>(&mut self, start_s: f64, end_s: f64, steps: &mut [SubStep; SUB_STEPS]) -> Vec<MotionStep> {
         let length_s = (end_s - start_s) / SUB_STEPS as f64;
-        let mut steps = [SubStep::default(); SUB_STEPS];
         let mut truths = Vec::new();
         let records_truth = T::LOOKS && (self.timing.shift_s != 0.0 || self.motion.now().t_s != start_s);
         // At the start of a shift the counted motion so far is the truth.
@@ -258,14 +261,18 @@ impl GyroUnit {
                 truths.push(self.truth.advance(step.end_s));
             }
         }
-        (steps, truths)
+        truths
     }
 
-    /// Counts of a sample, rounded, and its interval.
-    fn count<T: Probe>(&mut self, start_s: f64, end_s: f64, taps: &mut [T; 4]) -> ([f64; 4], Interval) {
-        let temperatures = self.temperatures(0.5 * (start_s + end_s));
-        let interval = temperatures.interval(start_s, end_s);
-        let (steps, truths) = self.advance::<T>(start_s, end_s);
+    /// Counts of a sample, as real numbers.
+    fn count<T: Probe>(
+        &mut self,
+        temperatures: &Temperatures,
+        interval: &Interval,
+        steps: &[SubStep],
+        truths: &[MotionStep],
+        taps: &mut [T; 4],
+    ) -> [f64; 4] {
         let (gyros, faults) = (&self.configuration.gyros, &self.faults);
         let mut storage: [Option<GyroEffects>; 4] = [None; 4];
         let mut storage = storage.iter_mut();
@@ -276,14 +283,13 @@ impl GyroUnit {
                 calibration: &gyros[index].calibration,
                 effects: match faults.moves(EffectList::Head, gyro) {
                     false if !self.computed[index].is_counted => &gyros[index].effects.constant,
-                    false => gyros[index].effects.resolve(&interval, storage),
-                    true => storage.insert(faults.moved(gyros[index].effects.at(&interval), EffectList::Head, gyro)),
+                    false => gyros[index].effects.resolve(interval, storage),
+                    true => storage.insert(faults.moved(gyros[index].effects.at(interval), EffectList::Head, gyro)),
                 },
                 discovered: &gyros[index].discovered,
             }
         });
-        let unquantised = self.package.count(&resolved, &self.unit, &temperatures, &steps, &truths, taps);
-        (std::array::from_fn(|index| self.channels[index].accumulate(unquantised[index])), interval)
+        self.package.count(&resolved, &self.unit, temperatures, steps, truths, taps)
     }
 
     /// Applies wiring faults to the counts of a sample.

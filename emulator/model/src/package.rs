@@ -171,8 +171,11 @@ impl Package {
         let timing = timings.last().copied().unwrap_or_default();
         let mut counts = [0.0; 4];
         for (index, SubStep { counted: step, end_s }) in steps.iter().enumerate() {
-            let mut heads: [GyroSubStep; 4] =
-                std::array::from_fn(|index| calibrated(Axes::of(Gyro::ALL[index]), gyros[index].calibration, step));
+            let calibrated = |index: usize| match gyros[index].computed.is_counted {
+                true => calibrated(Axes::of(Gyro::ALL[index]), gyros[index].calibration, step),
+                false => GyroSubStep::default(),
+            };
+            let mut heads: [GyroSubStep; 4] = std::array::from_fn(calibrated);
             if T::LOOKS {
                 look_at_start(taps, &heads, &timings, [truths.get(index).unwrap_or(step), step]);
             }

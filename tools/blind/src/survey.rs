@@ -15,7 +15,7 @@ use crate::simulate::{SimulatedRecording, simulate};
 use geu_diagnosis::alternatives::{Alternative, similar_hypotheses};
 use geu_diagnosis::diagnosis_case::DiagnosisCase;
 use geu_diagnosis::fitted_hypothesis::FittedHypothesis;
-use geu_diagnosis::measured::{CHANNELS, MeasuredData, MeasuredError, Series, Shifts};
+use geu_diagnosis::measured::{CHANNELS, MeasuredData, MeasuredError, ModelRun, Shifts};
 use geu_diagnosis::noise;
 use geu_diagnosis::normal_equations::{NormalEquations, Nuisance};
 use geu_diagnosis::null_distribution::Thresholds;
@@ -46,7 +46,7 @@ pub struct TrialMotion {
     /// On-board time simulated.
     pub duration_s: f64,
     measured: MeasuredData,
-    from: Series,
+    from: ModelRun,
     noise: [NoiseModel; CHANNELS],
     nuisances: Vec<Nuisance>,
     rounding: Arc<Rounding>,
@@ -98,7 +98,7 @@ impl TrialMotion {
     }
 
     /// The difference between two model runs.
-    fn signature(&self, with: &Series, without: &Series) -> Signature {
+    fn signature(&self, with: &ModelRun, without: &ModelRun) -> Signature {
         Signature::new(&self.normal, &self.measured.difference(with, without).map(Some))
     }
 
@@ -202,17 +202,8 @@ impl TrialMotion {
     /// Similar amplitudes of the catalogue with a lagged temperature, the most similar first.
     fn similar(&self, hypothesis: &Hypothesis, temperature_late_s: f64) -> Vec<Alternative> {
         let bank = self.bank();
-        let nuisances = self.nuisances.clone();
-        let rounding = self.rounding.clone();
-        let case = DiagnosisCase {
-            measured: &self.measured,
-            nominal: &self.nominal,
-            origin: vec![0.0; nuisances.len()],
-            nuisances,
-            rounding,
-            linear: Default::default(),
-            fits: Default::default(),
-        };
+        let (nuisances, rounding) = (self.nuisances.clone(), self.rounding.clone());
+        let case = DiagnosisCase::with_signatures(&self.measured, &self.nominal, nuisances, rounding);
         let mut state = case.start(self.noise);
         state.held.push(FittedHypothesis::new(hypothesis.clone()));
         similar_hypotheses(&case, &bank.late(temperature_late_s), &state, 0)

@@ -4,7 +4,7 @@ use geu_model::package::Calibration;
 use geu_protocol::Gyro;
 
 use crate::diagnosis_case::DiagnosisCase;
-use crate::measured::{BLOCK, CHANNELS, Series, TIMING};
+use crate::measured::{BLOCK, CHANNELS, ModelRun, Series, TIMING};
 use crate::model_state::{LAG_S, ModelState};
 use crate::normal_equations::{NormalEquations, THIRDS};
 use crate::residual_stats::{self, ResidualStats, WINDOW};
@@ -28,7 +28,7 @@ fn count(white: &NormalEquations) -> f64 {
 pub fn fitted(
     case: &DiagnosisCase,
     windowed: &[Vec<f64>; TIMING],
-    model: &Series,
+    model: &ModelRun,
     state: &ModelState,
 ) -> ResidualStats {
     let reduced_chi2 = reduced_chi2(case, model, state);
@@ -36,7 +36,7 @@ pub fn fitted(
 }
 
 /// χ² of a model's whitened residual over its degrees of freedom, by the noise of `state`.
-pub fn reduced_chi2(case: &DiagnosisCase, model: &Series, state: &ModelState) -> f64 {
+pub fn reduced_chi2(case: &DiagnosisCase, model: &ModelRun, state: &ModelState) -> f64 {
     let white = NormalEquations::new(case.whitenings(&state.noise), &case.measured.residual(model), &[], &[]);
     squares(white.residual[..TIMING].iter().flatten()) / count(&white)
 }

@@ -10,7 +10,9 @@ use geu_recording::{Defect, ReceivedSample, ReferenceAttitude, Sink};
 use crate::cross_validation::{fitted, held_out, reduced_chi2};
 use crate::diagnosis_case::DiagnosisCase;
 use crate::entries::Entries;
-use crate::measured::{MeasuredData, MeasuredError, ReferenceSigma, Series, Shifts, SmoothedReference, TIMING};
+use crate::measured::{
+    MeasuredData, MeasuredError, ModelRun, ReferenceSigma, Series, Shifts, SmoothedReference, TIMING,
+};
 use crate::model_selection::SelectedModel;
 use crate::model_state::ModelState;
 use crate::motion_segments;
@@ -119,7 +121,7 @@ impl Report<'_> {
         let [lagged, updated] = [case.nominal, &configuration].map(|configuration| measured.run(configuration, shifts));
         let residuals = [(raw, &given), (measured, &updated)]
             .map(|(measured, model)| windowed(measured, residual(measured, model)));
-        let gaps = |case: &DiagnosisCase, windowed: &[Vec<f64>; 4], model: &Series, state: &ModelState| Gaps {
+        let gaps = |case: &DiagnosisCase, windowed: &[Vec<f64>; 4], model: &ModelRun, state: &ModelState| Gaps {
             fitted: fitted(case, windowed, model, state),
             held_out: held_out(case, state),
         };

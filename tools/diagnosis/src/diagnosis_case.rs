@@ -1,7 +1,7 @@
 //! A diagnosis of a recording, and the common fit of calibration parameters, lag and hypotheses to it, by Gauss–Newton steps. Each step
 //! runs the model from the start.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use geu_model::Configuration;
 use geu_model::parameter_spec::Role;
@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use crate::calibration_signatures::{nuisances, on_grid};
 use crate::fitted_hypothesis::FittedHypothesis;
 use crate::linear_signatures::LinearSignatures;
-use crate::measured::{CHANNELS, MeasuredData, Series, Shifts};
+use crate::measured::{CHANNELS, MeasuredData, ModelRun, Series, Shifts};
 use crate::model_state::ModelState;
 use crate::normal_equations::{NormalEquations, Nuisance, THIRDS};
 use crate::recent::Recent;
@@ -46,7 +46,12 @@ pub struct DiagnosisCase<'a> {
     pub linear: LinearSignatures,
     /// Fits that recur.
     pub fits: Recent<ModelState>,
+    /// Filters of the last noise: most fits have the same.
+    pub filters: Mutex<Option<NoiseFilters>>,
 }
+
+/// A noise and its whitening filters.
+pub type NoiseFilters = ([NoiseModel; CHANNELS], Arc<[Whitening; CHANNELS]>);
 
 impl<'a> DiagnosisCase<'a> {
     /// Runs the model for the signatures of the calibration parameters and of a common lag.
@@ -54,18 +59,28 @@ impl<'a> DiagnosisCase<'a> {
         let shifts = Shifts::default();
         let nuisances = nuisances(measured, nominal, shifts);
         let rounding = Arc::new(rounding(measured, &measured.run(nominal, shifts)));
+        DiagnosisCase::with_signatures(measured, nominal, nuisances, rounding)
+    }
+
+    /// With signatures and rounding that are known, at the input configuration.
+    pub fn with_signatures(
+        measured: &'a MeasuredData,
+        nominal: &'a Configuration,
+        nuisances: Vec<Nuisance>,
+        rounding: Arc<Rounding>,
+    ) -> DiagnosisCase<'a> {
         let origin = vec![0.0; nuisances.len()];
-        let (linear, fits) = Default::default();
-        DiagnosisCase { measured, nominal, nuisances, origin, rounding, linear, fits }
+        let (linear, fits, filters) = Default::default();
+        DiagnosisCase { measured, nominal, nuisances, origin, rounding, linear, fits, filters }
     }
 
     /// Takes signatures and rounding along the path of a state; returns the path.
-    pub fn set_origin(&mut self, state: &ModelState) -> Series {
+    pub fn set_origin(&mut self, state: &ModelState) -> ModelRun {
         self.nuisances = nuisances(self.measured, &state.configuration(self.nominal), state.shifts);
         self.origin = state.nuisances();
         let path = self.run(state);
         self.rounding = Arc::new(rounding(self.measured, &path));
-        self.fits = Recent::default();
+        (self.fits, self.filters) = Default::default();
         path
     }
 
@@ -74,16 +89,22 @@ impl<'a> DiagnosisCase<'a> {
     where
         'a: 'b,
     {
-        let (mut nuisances, origin, rounding) = match std::ptr::eq(measured, self.measured) {
-            true => (self.nuisances.clone(), self.origin.clone(), self.rounding.clone()),
-            false => {
-                let other = DiagnosisCase::new(measured, self.nominal);
-                (other.nuisances, other.origin, other.rounding)
-            }
+        let mut case = match std::ptr::eq(measured, self.measured) {
+            true => self.on(measured),
+            false => DiagnosisCase::new(measured, self.nominal),
         };
-        nuisances.truncate(calibration_parameters().len());
-        let (nominal, linear, fits) = (self.nominal, LinearSignatures::default(), Recent::default());
-        DiagnosisCase { measured, nominal, nuisances, origin, rounding, linear, fits }
+        case.nuisances.truncate(calibration_parameters().len());
+        case
+    }
+
+    /// The signatures and rounding of this case on other counts of the same motion.
+    pub fn on<'b>(&self, measured: &'b MeasuredData) -> DiagnosisCase<'b>
+    where
+        'a: 'b,
+    {
+        let (nuisances, rounding) = (self.nuisances.clone(), self.rounding.clone());
+        let other = DiagnosisCase::with_signatures(measured, self.nominal, nuisances, rounding);
+        DiagnosisCase { origin: self.origin.clone(), ..other }
     }
 
     /// The initial state.
@@ -100,7 +121,7 @@ impl<'a> DiagnosisCase<'a> {
     }
 
     /// Runs the model of a state.
-    pub fn run(&self, state: &ModelState) -> Series {
+    pub fn run(&self, state: &ModelState) -> ModelRun {
         self.measured.run(&state.configuration(self.nominal), state.shifts)
     }
 
@@ -110,10 +131,16 @@ impl<'a> DiagnosisCase<'a> {
     }
 
     /// Whitening filters of a noise.
-    pub fn whitenings(&self, noise: &[NoiseModel; CHANNELS]) -> [Whitening; CHANNELS] {
-        std::array::from_fn(|channel| {
+    pub fn whitenings(&self, noise: &[NoiseModel; CHANNELS]) -> Arc<[Whitening; CHANNELS]> {
+        let last = || self.filters.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, filters)) = last().as_ref().filter(|(own, _)| own == noise) {
+            return filters.clone();
+        }
+        let filters = Arc::new(std::array::from_fn(|channel| {
             Whitening::new(&noise[channel], &self.measured.blocks[channel], &self.rounding[channel])
-        })
+        }));
+        *last() = Some((*noise, filters.clone()));
+        filters
     }
 
     /// The residual, and the signatures of all fitted parameters: nuisances, then the free parameters. Missing signatures are run and
@@ -121,15 +148,18 @@ impl<'a> DiagnosisCase<'a> {
     pub fn linearised(&self, state: &mut ModelState) -> (Series, Vec<Nuisance>) {
         let on_grid = self.on_grid(state);
         let from = self.run(&on_grid);
-        let missing = |held: usize| {
-            let own = &on_grid.held[held];
-            let free = (0..own.is_free.len()).into_par_iter().filter(|&index| own.is_free[index]);
-            let run = || Arc::new(free.map(|index| self.column(&on_grid, &from, held, index)).collect());
-            own.columns.clone().unwrap_or_else(run)
+        let is_missing = |held: &usize| state.held[*held].columns.is_none();
+        let free = |held: usize| {
+            let is_free = on_grid.held[held].is_free.iter().enumerate();
+            is_free.filter(|(_, is_free)| **is_free).map(move |(index, _)| (held, index))
         };
-        let columns: Vec<Arc<Vec<Nuisance>>> = (0..state.held.len()).into_par_iter().map(missing).collect();
-        for (held, columns) in state.held.iter_mut().zip(columns) {
-            held.columns = Some(columns);
+        let parameters: Vec<_> = (0..state.held.len()).filter(is_missing).flat_map(free).collect();
+        let mut found = vec![Vec::new(); state.held.len()];
+        for ((held, _), column) in parameters.iter().zip(self.columns(&on_grid, &from, &parameters)) {
+            found[*held].push(column);
+        }
+        for (held, found) in state.held.iter_mut().zip(found) {
+            held.columns.get_or_insert_with(|| Arc::new(found));
         }
         let of_held = state.held.iter().filter_map(|held| held.columns.as_deref()).flatten();
         let mut residual = self.measured.residual(&from);
@@ -163,31 +193,47 @@ impl<'a> DiagnosisCase<'a> {
         }
     }
 
-    /// Signature of one parameter of a hypothesis.
-    fn column(&self, state: &ModelState, from: &Series, held: usize, index: usize) -> Nuisance {
-        let hypothesis = &state.held[held].hypothesis;
-        let computed = self.linear.column(self.measured, self.nominal, hypothesis, index, state.shifts.temperature_s);
-        if let Some(column) = computed {
-            return column;
+    /// Signatures of parameters: each the place of its hypothesis and its own.
+    fn columns(&self, state: &ModelState, from: &ModelRun, parameters: &[(usize, usize)]) -> Vec<Nuisance> {
+        let (linear, temperature_s) = (&self.linear, state.shifts.temperature_s);
+        let computed = |&(held, index): &(usize, usize)| {
+            linear.column(self.measured, self.nominal, &state.held[held].hypothesis, index, temperature_s)
+        };
+        let mut all: Vec<Option<Nuisance>> = parameters.par_iter().map(computed).collect();
+        let missing: Vec<usize> = (0..all.len()).filter(|&place| all[place].is_none()).collect();
+        let moved = |&place: &usize| {
+            let (held, index) = parameters[place];
+            let parameter = &state.held[held].hypothesis.parameters()[index];
+            let mut step = parameter.step();
+            if parameter.value + step > parameter.max {
+                step = -step;
+            }
+            let mut moved = state.clone();
+            moved.held[held].hypothesis.set(index, parameter.value + step);
+            (step, moved.configuration(self.nominal))
+        };
+        let (steps, moved): (Vec<f64>, Vec<Configuration>) = missing.iter().map(moved).unzip();
+        let signature = |(run, step): (ModelRun, &f64)| -> Nuisance {
+            self.measured.difference(&run, from).map(|values| {
+                let any = values.iter().any(|&value| value != 0.0);
+                any.then(|| values.into_iter().map(|value| value / step).collect())
+            })
+        };
+        let of_a_thread = moved.len().div_ceil(rayon::current_num_threads()).max(1);
+        let signatures =
+            moved.par_chunks(of_a_thread).zip(steps.par_chunks(of_a_thread)).flat_map_iter(|(moved, steps)| {
+                self.measured.run_all(moved, state.shifts).into_iter().zip(steps).map(signature)
+            });
+        for (place, signature) in missing.into_iter().zip(signatures.collect::<Vec<_>>()) {
+            all[place] = Some(signature);
         }
-        let parameter = &hypothesis.parameters()[index];
-        let mut step = parameter.step();
-        if parameter.value + step > parameter.max {
-            step = -step;
-        }
-        let mut moved = state.clone();
-        moved.held[held].hypothesis.set(index, parameter.value + step);
-        let run = self.run(&moved);
-        self.measured.difference(&run, from).map(|values| {
-            let any = values.iter().any(|&value| value != 0.0);
-            any.then(|| values.into_iter().map(|value| value / step).collect())
-        })
+        all.into_iter().flatten().collect()
     }
 
     /// Signature of the amplitude of a hypothesis, per unit, at its current parameters.
     pub fn signature(&self, state: &ModelState, held: usize) -> Nuisance {
         let on_grid = self.on_grid(state);
-        self.column(&on_grid, &self.run(&on_grid), held, 0)
+        self.columns(&on_grid, &self.run(&on_grid), &[(held, 0)]).remove(0)
     }
 
     /// Cross-validation ([`NormalEquations::cross_validate`]) of a hypothesis beside all others. Signatures are those at the state: a

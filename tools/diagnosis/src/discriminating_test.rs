@@ -88,17 +88,9 @@ impl Candidate {
     }
 
     fn case<'c>(&'c self, nominal: &'c Configuration) -> DiagnosisCase<'c> {
-        let (nuisances, rounding, linear) = (self.nuisances.clone(), self.rounding.clone(), self.linear.clone());
-        let origin = vec![0.0; nuisances.len()];
-        DiagnosisCase {
-            measured: &self.measured,
-            nominal,
-            nuisances,
-            origin,
-            rounding,
-            linear,
-            fits: Default::default(),
-        }
+        let (nuisances, rounding) = (self.nuisances.clone(), self.rounding.clone());
+        let case = DiagnosisCase::with_signatures(&self.measured, nominal, nuisances, rounding);
+        DiagnosisCase { linear: self.linear.clone(), ..case }
     }
 }
 

@@ -23,7 +23,7 @@ use geu_recording::ReferenceAttitude;
 use dequantised::{DequantisedAngles, dequantise};
 pub use planned::PlannedMotion;
 pub use reference_sigma::ReferenceSigma;
-pub use series::{CHANNELS, Series, Shifts, TIMING};
+pub use series::{CHANNELS, ModelRun, Series, Shifts, TIMING};
 pub use smoothed_reference::SmoothedReference;
 
 use model_cache::ModelCache;
@@ -222,7 +222,7 @@ impl MeasuredData {
     }
 
     /// Block averages of measurement minus model along the reference's own rows, 0 in blocks that are not usable.
-    pub fn residual(&self, model: &Series) -> Series {
+    pub fn residual(&self, model: &ModelRun) -> Series {
         std::array::from_fn(|channel| {
             let measured = self.measured(channel);
             let departure = |number: usize| {
@@ -245,7 +245,7 @@ impl MeasuredData {
     }
 
     /// Block averages of the difference of two runs, of all blocks.
-    pub fn difference(&self, moved: &Series, from: &Series) -> Series {
+    pub fn difference(&self, moved: &ModelRun, from: &ModelRun) -> Series {
         std::array::from_fn(|channel| {
             let average =
                 |number: usize| self.average(channel, number, |node| moved[channel][node] - from[channel][node]);
@@ -267,7 +267,7 @@ impl MeasuredData {
     /// The recording with angles in place of counts, estimated for each gyro along the first of these paths that its counts do not
     /// contradict, or along a later path if it is likelier by far. A gyro that contradicts all of them keeps its counts.
     #[must_use]
-    pub fn dequantised(&self, paths: &[Series], angle_walks: [f64; TIMING]) -> MeasuredData {
+    pub fn dequantised(&self, paths: &[ModelRun], angle_walks: [f64; TIMING]) -> MeasuredData {
         let mut measured = self.clone();
         for (gyro, angle_walk) in angle_walks.into_iter().enumerate() {
             let (counts, blocks) = (&self.counts.accumulated[gyro], &self.blocks[gyro]);

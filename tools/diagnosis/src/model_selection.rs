@@ -80,7 +80,7 @@ impl<'a> Searches<'a> {
         let [with, without] = [state, &others].map(|state| self.case.run(state));
         let withheld_counts: [f64; TIMING] = std::array::from_fn(|gyro| {
             let withheld: Vec<f64> =
-                with[gyro].iter().zip(&without[gyro]).map(|(with, without)| with - without).collect();
+                with[gyro].iter().zip(without[gyro].iter()).map(|(with, without)| with - without).collect();
             withheld.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max)
         });
         let negligible = negligible(self.case, state, normal);

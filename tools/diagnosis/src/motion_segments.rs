@@ -9,7 +9,7 @@ use std::ops::Range;
 use geu_calibration::window::ManoeuvreWindow;
 use geu_model::units::SAMPLE_INTERVAL_S;
 
-use crate::measured::{BLOCK_S, MeasuredData, Series, TIMING};
+use crate::measured::{BLOCK_S, MeasuredData, ModelRun, TIMING};
 use crate::residual_stats::{relative, residual};
 
 /// Below this mean rate the unit rests: the largest mean over 5 s of a limit cycle of 4 arcsec/s, less than any manoeuvre.
@@ -91,7 +91,7 @@ pub fn listed(measured: &MeasuredData, windows: &[ManoeuvreWindow]) -> Vec<Motio
 
 /// Root mean square of a model's residual in each segment on each gyro, relative to the segment's first value, arcsec; NaN without
 /// usable counts.
-pub fn rms_arcsec(measured: &MeasuredData, model: &Series, segments: &[MotionSegment]) -> Vec<[f64; TIMING]> {
+pub fn rms_arcsec(measured: &MeasuredData, model: &ModelRun, segments: &[MotionSegment]) -> Vec<[f64; TIMING]> {
     let residual = residual(measured, model);
     let of_gyro = |gyro: usize, segment: &MotionSegment| {
         let nodes = segment.nodes();

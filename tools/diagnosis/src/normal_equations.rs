@@ -5,7 +5,7 @@ mod products;
 
 use std::hash::{DefaultHasher, Hasher};
 use std::ops::Range;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
@@ -38,7 +38,7 @@ pub type Nuisance = [Option<Vec<f64>>; CHANNELS];
 /// Normal equations of a whitened residual and its nuisances.
 #[derive(Debug, Clone)]
 pub struct NormalEquations {
-    whitenings: [Whitening; CHANNELS],
+    whitenings: Arc<[Whitening; CHANNELS]>,
     /// Whitened residual.
     pub residual: Series,
     /// Whitened signatures of the nuisances.
@@ -66,7 +66,7 @@ impl NormalEquations {
     /// Whitens a residual and the nuisances. The calibration parameters, which are the first nuisances, have already moved by `moved`
     /// from their a priori values, or not at all if it is empty.
     pub fn new(
-        whitenings: [Whitening; CHANNELS],
+        whitenings: Arc<[Whitening; CHANNELS]>,
         residual: &Series,
         nuisances: &[Nuisance],
         moved: &[f64],

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::diagnosis_case::DiagnosisCase;
-use crate::measured::{BLOCK, CHANNELS, Series, TIMING, nodes};
+use crate::measured::{BLOCK, CHANNELS, ModelRun, Series, TIMING, nodes};
 use crate::model_state::ModelState;
 use crate::noise::Walk;
 use crate::normal_equations::NormalEquations;
@@ -79,7 +79,7 @@ impl Thresholds {
 pub fn thresholds(
     case: &DiagnosisCase,
     bank: &SignatureBank,
-    path: &Series,
+    path: &ModelRun,
     normal: &NormalEquations,
     noise: &[NoiseModel; CHANNELS],
     seed: u64,
@@ -200,7 +200,7 @@ fn of_base(
 }
 
 /// Block averages of a null recording minus the model.
-fn draw(case: &DiagnosisCase, model: &Series, noise: &[NoiseModel; CHANNELS], seed: u64) -> Series {
+fn draw(case: &DiagnosisCase, model: &ModelRun, noise: &[NoiseModel; CHANNELS], seed: u64) -> Series {
     let measured = case.measured;
     std::array::from_fn(|channel| {
         let (own, blocks) = (&noise[channel], &measured.blocks[channel]);

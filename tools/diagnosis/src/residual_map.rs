@@ -10,7 +10,7 @@ use geu_model::units::{ORBIT_S, RAD_PER_DEG, S_PER_DAY, SAMPLE_INTERVAL_S};
 use rayon::prelude::*;
 
 use crate::diagnosis_case::DiagnosisCase;
-use crate::measured::{BLOCK, CHANNELS, MeasuredData, Series, TIMING};
+use crate::measured::{BLOCK, CHANNELS, MeasuredData, ModelRun, TIMING};
 use crate::motion_segments::MotionSegment;
 use crate::normal_equations::NormalEquations;
 use crate::signature_bank::Column;
@@ -96,7 +96,7 @@ pub struct ResidualMap {
 pub fn residual_maps<const MODELS: usize>(
     case: &DiagnosisCase,
     noise: &[NoiseModel; CHANNELS],
-    models: [&Series; MODELS],
+    models: [&ModelRun; MODELS],
     segments: &[MotionSegment],
 ) -> [ResidualMap; MODELS] {
     let variables = variables(case.measured);

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use serde::Serialize;
 
-use crate::measured::{BLOCK, Block, MeasuredData, Series, TIMING};
+use crate::measured::{BLOCK, Block, MeasuredData, ModelRun, Series, TIMING};
 
 /// Samples of a window, 30 min.
 pub const WINDOW: usize = 3600;
@@ -51,7 +51,7 @@ impl ResidualStats {
 
 /// Squared gap of each gyro: of the windowed residual, or about the mean of each window against the rows of a smoothed reference. The
 /// smoothed motion itself contains what the gyros sense wrong within a minute.
-pub fn squares(measured: &MeasuredData, model: &Series) -> [f64; TIMING] {
+pub fn squares(measured: &MeasuredData, model: &ModelRun) -> [f64; TIMING] {
     if measured.smoothed.is_none() {
         return windowed(measured, residual(measured, model)).each_ref().map(|gyro| squares_of(gyro));
     }
@@ -92,7 +92,7 @@ fn squares_of(values: &[f64]) -> f64 {
 }
 
 /// Residual of a model at a gyro and node.
-pub fn residual<'a>(measured: &'a MeasuredData, model: &'a Series) -> impl Fn(usize, usize) -> f64 + 'a {
+pub fn residual<'a>(measured: &'a MeasuredData, model: &'a ModelRun) -> impl Fn(usize, usize) -> f64 + 'a {
     |gyro, node| measured.counts.accumulated[gyro][node] - model[gyro][node]
 }
 

@@ -7,7 +7,7 @@
 
 use geu_model::units::{PPM, SAMPLE_INTERVAL_S};
 
-use crate::measured::{BLOCK, CHANNELS, MeasuredData, Series, TIMING, nodes};
+use crate::measured::{BLOCK, CHANNELS, MeasuredData, ModelRun, TIMING, nodes};
 
 /// Phases over which the statistics are taken.
 const PHASES: usize = 32;
@@ -56,7 +56,7 @@ impl BlockRounding {
 pub type Rounding = [Vec<BlockRounding>; CHANNELS];
 
 /// The rounding along the accumulated counts of a model; none in the channel of the times.
-pub fn rounding(measured: &MeasuredData, model: &Series) -> Rounding {
+pub fn rounding(measured: &MeasuredData, model: &ModelRun) -> Rounding {
     std::array::from_fn(|channel| {
         let blocks = (model[channel].len() - 1) / BLOCK;
         if channel == TIMING {
@@ -139,13 +139,13 @@ fn errors(angles: &[f64]) -> [f64; PHASES] {
 ///
 /// A controller that uses the counts turns the unit back when a count changes. Then signatures made of its small motions contain the
 /// rounding itself, and no null recording along the same motion shows it. Measured in closed loops 0.19 to 0.7, else up to 0.06.
-pub fn correlation_with_motion(measured: &MeasuredData, path: &Series) -> f64 {
+pub fn correlation_with_motion(measured: &MeasuredData, path: &ModelRun) -> f64 {
     if measured.smoothed.is_some() {
         return 0.0;
     }
     let counts = measured.series();
     let of_gyro = |gyro: usize| {
-        let residual: Vec<f64> = counts[gyro].iter().zip(&path[gyro]).map(|(count, path)| count - path).collect();
+        let residual: Vec<f64> = counts[gyro].iter().zip(path[gyro].iter()).map(|(count, path)| count - path).collect();
         let (errors, motion) = (fast(&residual), fast(&path[gyro]));
         let is_good = |node: usize| {
             let block = node.checked_sub(1).and_then(|node| measured.blocks[gyro].get(node / BLOCK));

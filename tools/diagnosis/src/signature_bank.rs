@@ -4,6 +4,7 @@
 //! the course applied to its increments (an effect that adds a rate, such as a drift) or to its values (one that adds an angle, such as
 //! lost counts), whichever agrees with a run with a step in the middle. This is for the search; the fit runs the model.
 
+mod amplitude_runs;
 mod grid;
 
 use std::borrow::Cow;
@@ -19,23 +20,19 @@ use rayon::prelude::*;
 use crate::course_products::ProductCache;
 pub use crate::courses::Variation;
 use crate::courses::{Courses, Mode, is_onset, is_switch, put};
-use crate::linear_algebra::increment_products;
-use crate::measured::{BLOCK_S, CHANNELS, MeasuredData, Series, Shifts, TIMING};
+use crate::measured::{BLOCK_S, CHANNELS, MeasuredData, Shifts, TIMING};
 use geu_hypothesis::Hypothesis;
-use geu_hypothesis::amplitude::{AmplitudeRef, AmplitudeSource, RAMP, STEP, is_real};
+use geu_hypothesis::amplitude::{AmplitudeRef, AmplitudeSource, is_real};
 use geu_hypothesis::gyros::ALL_GYROS;
 
-use grid::{NEAR_SIZES, own_shapes, visible};
+use amplitude_runs::AmplitudeRuns;
+use grid::{NEAR_SIZES, own_shapes};
 pub use grid::{PARTS, SIZE_FACTOR};
 
 /// Amplitude of a signature's run, as a share of the largest accepted value.
 pub(crate) const SHARE: f64 = 1e-3;
-/// Amplitude of the run that tests linearity, as a share of the largest accepted value.
-const TRIED_SHARE: f64 = 0.1;
 /// Formulas that are integrated in one run along the motion.
 const FORMULAS_OF_A_RUN: usize = 64;
-/// Minimum cosine between a computed signature and a run.
-const SAME_SIGNATURE: f64 = 0.95;
 /// Minimum cosine from which a fit uses the computed signature: the change of χ² by the rest is 1 in 10 000.
 pub const EXACT_SIGNATURE: f64 = 0.9999;
 /// Blocks after a jump of the angle that are evaluated with an exact reference: the filter forgets it. With a noisy one it remembers.
@@ -158,7 +155,9 @@ impl SignatureBank {
                 let shapes = own_shapes(&amplitude, configuration);
                 shapes.into_iter().map(move |own_shapes| (amplitude, own_shapes))
             })
-            .flat_map_iter(|(amplitude, own_shapes)| bank.run(measured, configuration, &base, amplitude, own_shapes))
+            .flat_map_iter(|(amplitude, own_shapes)| {
+                bank.run(&AmplitudeRuns { measured, configuration, from: &base, amplitude, own_shapes })
+            })
             .collect();
         bank
     }
@@ -216,88 +215,6 @@ impl SignatureBank {
         };
         let bases = all.par_chunks(FORMULAS_OF_A_RUN).flat_map_iter(signatures).collect();
         SignatureBank { bases, ..self.clone() }
-    }
-
-    /// Signatures of one amplitude: one if it is linear, else one for each of several values.
-    fn run(
-        &self,
-        measured: &MeasuredData,
-        configuration: &Configuration,
-        from: &Series,
-        amplitude: AmplitudeRef,
-        own_shapes: Vec<f64>,
-    ) -> Vec<ConstantSignature> {
-        let limits = amplitude.size();
-        let run = |hypothesis: &Hypothesis| {
-            let mut moved = configuration.clone();
-            hypothesis.apply(&mut moved);
-            let mut series = measured.difference(&measured.run(&moved, Shifts::default()), from);
-            series.iter_mut().flatten().for_each(|value| *value /= hypothesis.value);
-            series
-        };
-        let hypothesis = |size: f64| Hypothesis {
-            own_shapes: own_shapes.clone(),
-            ..Hypothesis::constant(amplitude, size, amplitude.gyros())
-        };
-        let signature = |size: f64, mode: Mode, is_linear: bool| ConstantSignature {
-            amplitude,
-            own_shapes: own_shapes.clone(),
-            size,
-            configured: amplitude.configured_value(configuration),
-            is_linear,
-            is_exact: false,
-            has_courses: is_linear,
-            valid: NEAR_SIZES,
-            series: run(&hypothesis(size)).map(Arc::from),
-            mode,
-            jumps: mode == Mode::Level,
-            products: ProductCache::default(),
-        };
-        let mut small = signature(limits.max * SHARE, Mode::Rate, true);
-        // A run with a step in the middle, with a larger value that tests linearity.
-        let blocks = self.courses.blocks();
-        let middle_s = (blocks / 2) as f64 * BLOCK_S;
-        let mut tried = hypothesis(limits.max * TRIED_SHARE);
-        match amplitude.own_shapes().iter().position(is_onset) {
-            Some(index) => tried.own_shapes[index] = middle_s,
-            None => {
-                let Some(stepped) = amplitude.with(STEP) else { return vec![small] };
-                (tried.amplitude, tried.course_shapes) = (stepped, vec![middle_s]);
-            }
-        }
-        let stepped = run(&tried);
-        let step = Variation::Course { kind: STEP, shapes: vec![middle_s] };
-        let similarity = |mode: Mode, course: &Variation, expected: &Series, channels: Range<usize>| {
-            let values = self.courses.values(mode, course, 0..blocks);
-            let course = small.series.each_ref().map(|series| put(series, mode, values.as_deref(), 0..blocks));
-            cosine(&course, expected, channels)
-        };
-        // A clock is known by the times; what it turns the gyros by follows neither mode.
-        let has_times = small.series[TIMING].iter().any(|&value| value != 0.0);
-        let known = if has_times { TIMING..CHANNELS } else { 0..TIMING };
-        let of_modes = |course: &Variation, expected: &Series| {
-            [Mode::Rate, Mode::Level].map(|mode| similarity(mode, course, expected, known.clone()))
-        };
-        let mut by_mode = of_modes(&step, &stepped);
-        small.jumps = by_mode[1] > by_mode[0];
-        // A step between two motions agrees with both: a ramp does not.
-        if by_mode[0].min(by_mode[1]) >= SAME_SIGNATURE
-            && let Some(ramped) = amplitude.with(RAMP)
-        {
-            let ramped = Hypothesis { amplitude: ramped, ..hypothesis(ramped.size().max * SHARE) };
-            by_mode = of_modes(&Variation::Course { kind: RAMP, shapes: Vec::new() }, &run(&ramped));
-        }
-        let mode = if by_mode[0] >= by_mode[1] { Mode::Rate } else { Mode::Level };
-        let similarity = similarity(mode, &step, &stepped, 0..TIMING);
-        (small.mode, small.is_exact) = (mode, similarity >= EXACT_SIGNATURE);
-        let is_silent = cosine(&stepped, &stepped, 0..TIMING) == 0.0;
-        if is_silent
-            || similarity >= SAME_SIGNATURE
-            || cosine(&small.series, &run(&hypothesis(tried.value)), 0..TIMING) >= SAME_SIGNATURE
-        {
-            return vec![small];
-        }
-        visible(limits, |size| signature(size, mode, false))
     }
 
     /// All time courses of a signature that are searched, waves at phase 0.
@@ -383,15 +300,4 @@ impl SignatureBank {
         }
         hypothesis
     }
-}
-
-/// Cosine of the increments of two signatures on channels of one unit: the gyros, or the times.
-fn cosine(one: &[impl AsRef<[f64]>; CHANNELS], other: &Series, channels: Range<usize>) -> f64 {
-    let mut sums = [0.0; 3];
-    for (one, other) in one[channels.clone()].iter().zip(&other[channels]) {
-        let products = increment_products(one.as_ref(), other);
-        sums.iter_mut().zip(products).for_each(|(sum, product)| *sum += product);
-    }
-    let [both, own, others] = sums;
-    if own == 0.0 || others == 0.0 { 0.0 } else { both / (own * others).sqrt() }
 }

@@ -4,7 +4,7 @@
 //! reference is taken from the counts. An effect that withholds such a motion explains any noise.
 
 use crate::courses::is_switch;
-use crate::measured::{BLOCK_S, MeasuredData, Series, TIMING, nodes};
+use crate::measured::{BLOCK_S, MeasuredData, ModelRun, TIMING, nodes};
 use crate::signature_bank::{ConstantSignature, SignatureBank};
 use geu_hypothesis::Hypothesis;
 use geu_model::Configuration;
@@ -15,7 +15,7 @@ const SMALL_COUNTS: f64 = 10.0;
 impl SignatureBank {
     /// The signatures of effects that withhold small motions, and of formulas of them, without those along a path.
     #[must_use]
-    pub fn without_small_motions(mut self, path: &Series) -> SignatureBank {
+    pub fn without_small_motions(mut self, path: &ModelRun) -> SignatureBank {
         let moves: [Vec<bool>; TIMING] = std::array::from_fn(|gyro| {
             let blocks = self.bases.first().map_or(0, |base| base.series[gyro].len());
             (0..blocks).map(|block| turned(&path[gyro][nodes(block)]) >= SMALL_COUNTS).collect()

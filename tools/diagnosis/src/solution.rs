@@ -7,7 +7,7 @@ use geu_model::Configuration;
 
 use crate::diagnosis_case::DiagnosisCase;
 use crate::linear_signatures::LinearSignatures;
-use crate::measured::{BLOCK, CHANNELS, MeasuredData, Series, Shifts};
+use crate::measured::{BLOCK, CHANNELS, MeasuredData, ModelRun, Shifts};
 use crate::model_selection::{MAX_PER_GYRO, Searches, SelectedModel, select_model};
 use crate::model_state::ModelState;
 use crate::noise;
@@ -95,7 +95,7 @@ impl<'a> Solution<'a> {
         let path = case.set_origin(&fitted);
         let noise = noise::configured(nominal, measured, &case.rounding, &measured.residual(&path));
         let start = case.start(noise);
-        let correlation = |path: &Series| if has_counts { correlation_with_motion(measured, path) } else { 0.0 };
+        let correlation = |path: &ModelRun| if has_counts { correlation_with_motion(measured, path) } else { 0.0 };
         let is_loop = correlation(&path) > CLOSED_LOOP;
         let whole = SignatureBank::new(measured, nominal);
         case.linear = LinearSignatures::new(whole.linear());
@@ -175,7 +175,13 @@ fn is_noise(selected: &SelectedModel, thresholds: &Thresholds) -> bool {
 }
 
 /// Key of thresholds: a hash of all that they depend on, i.e. search, motion, usable blocks and noise.
-fn key(measured: &MeasuredData, path: &Series, noise: &[NoiseModel; CHANNELS], contains_noise: bool, seed: u64) -> u64 {
+fn key(
+    measured: &MeasuredData,
+    path: &ModelRun,
+    noise: &[NoiseModel; CHANNELS],
+    contains_noise: bool,
+    seed: u64,
+) -> u64 {
     // FNV-1a.
     let mut hash = 0xcbf2_9ce4_8422_2325u64;
     let mut push = |bytes: &[u8]| {

@@ -1,6 +1,6 @@
 //! Model runs assembled from earlier ones, or continued linearly from them.
 
-use geu_diagnosis::measured::{CHANNELS, Series, Shifts};
+use geu_diagnosis::measured::{CHANNELS, ModelRun, Shifts};
 use geu_diagnosis::whitening::NoiseModel;
 use geu_diagnosis::{DiagnosisCase, MeasuredData};
 use geu_hypothesis::amplitude::calibration_parameters;
@@ -8,8 +8,8 @@ use geu_model::Configuration;
 
 use crate::recorded::{manoeuvre, recorded};
 
-fn bits(series: &Series) -> Vec<u64> {
-    series.iter().flatten().map(|value| value.to_bits()).collect()
+fn bits(run: &ModelRun) -> Vec<u64> {
+    run.iter().flat_map(|channel| channel.iter()).map(|value| value.to_bits()).collect()
 }
 
 #[test]
@@ -48,6 +48,14 @@ fn assembled_run_equals_a_run_alone() {
         assert_eq!(bits(&measured.run(configuration, *shifts)), alone, "asked again");
         seen.push(alone);
     }
+    // Several at once follow the motion together.
+    let at_once = || asked.iter().zip(&seen).filter(|((_, shifts), _)| *shifts == Shifts::default());
+    let configurations: Vec<Configuration> = at_once().map(|((configuration, _), _)| configuration.clone()).collect();
+    let runs = measured.clone().run_all(&configurations, Shifts::default());
+    assert_eq!(
+        runs.iter().map(bits).collect::<Vec<_>>(),
+        at_once().map(|(_, alone)| alone.clone()).collect::<Vec<_>>()
+    );
     // The later runs replaced the first in the cache: it runs again.
     let last = seen.pop();
     assert_eq!(seen.first(), last.as_ref());

@@ -113,7 +113,7 @@ pub struct SampleTiming {
 }
 
 /// One gyro over one sub-step, on its way from true rotation to counts.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct GyroSubStep {
     /// Rotation about the input axis with its misalignment, arcsec.
     pub input_arcsec: f64,

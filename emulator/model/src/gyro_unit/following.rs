@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use geu_protocol::Gyro;
 
-use super::{GyroUnit, Truth};
+use super::{GyroUnit, SUB_STEPS, Truth};
 use crate::configuration::Configuration;
 use crate::effect::discovered::{Formula, Regressor};
 use crate::effect::{EffectInputs, Temperatures};
@@ -53,16 +53,30 @@ impl GyroUnit {
         GyroUnit { computed: std::array::from_fn(of_gyro), ..unit }
     }
 
-    /// Ends the running sample interval and begins the next, without flags, wiring faults and self-test; returns its scheduled end, ns.
-    pub fn count_sample(&mut self) -> i64 {
-        if !self.faults().is_empty() {
-            return self.end_sample().end_ns;
+    /// Ends the running sample interval of units that differ in their gyros alone and begins the next, without flags, wiring faults and
+    /// self-test; returns its scheduled end, ns. The first unit follows the motion for all of them.
+    pub fn count_samples(units: &mut [GyroUnit]) -> i64 {
+        let Some(first) = units.first_mut() else { return 0 };
+        let end_ns = first.running_end_ns();
+        if !first.faults().is_empty() {
+            for unit in units {
+                unit.end_sample();
+            }
+            return end_ns;
         }
-        let end_ns = self.running_end_ns();
-        self.count(self.start_fs as f64 * 1e-15, self.end_fs as f64 * 1e-15, &mut [(); Gyro::ALL.len()]);
-        self.ended += 1;
-        self.start_fs = self.end_fs;
-        self.begin();
+        let (start_s, end_s) = (first.start_fs as f64 * 1e-15, first.end_fs as f64 * 1e-15);
+        let temperatures = first.temperatures(0.5 * (start_s + end_s));
+        let interval = temperatures.interval(start_s, end_s);
+        let mut steps = [SubStep::default(); SUB_STEPS];
+        let truths = first.advance::<()>(start_s, end_s, &mut steps);
+        debug_assert!(units.iter().all(|unit| unit.running_end_ns() == end_ns));
+        for unit in units {
+            let counts = unit.count(&temperatures, &interval, &steps, &truths, &mut [(); Gyro::ALL.len()]);
+            unit.channels.iter_mut().zip(counts).for_each(|(channel, counts)| channel.accumulated += counts);
+            unit.ended += 1;
+            unit.start_fs = unit.end_fs;
+            unit.begin();
+        }
         end_ns
     }
 
@@ -71,7 +85,9 @@ impl GyroUnit {
     pub fn add_terms(&mut self, formulas: &[Formula], sums: &mut [f64]) {
         let (start_s, end_s) = (self.start_fs as f64 * 1e-15, self.end_fs as f64 * 1e-15);
         let temperatures = self.temperatures(0.5 * (start_s + end_s));
-        for SubStep { counted: step, end_s } in &self.advance::<()>(start_s, end_s).0 {
+        let mut steps = [SubStep::default(); SUB_STEPS];
+        self.advance::<()>(start_s, end_s, &mut steps);
+        for SubStep { counted: step, end_s } in &steps {
             // A formula has the control axes.
             let axes = Axes::of(Gyro::ALL[0]);
             let inputs = EffectInputs { step, axes, temperatures: &temperatures, end_s: *end_s };

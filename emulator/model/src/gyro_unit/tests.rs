@@ -86,17 +86,26 @@ fn a_unit_that_follows_measured_temperatures_counts_as_any_other() {
         let configuration = Configuration::reference_with(&overrides).expect("valid").without_noise();
         let temperatures = Arc::new(MeasuredTemperatures::new(&configuration.electronics, &[], 4000));
         let gyros = [true, true, false, true];
-        let mut following = GyroUnit::following(&configuration, &Truth::Scenario, temperatures, gyros);
-        let mut unit = GyroUnit::new(&configuration);
+        // Two units that differ in their gyros alone follow the motion together.
+        let mut other = configuration.clone();
+        other.gyros[1].calibration.scale_factor = 1.25;
+        let both = [configuration, other];
+        let mut following = both
+            .each_ref()
+            .map(|configuration| GyroUnit::following(configuration, &Truth::Scenario, temperatures.clone(), gyros));
+        let mut units = both.each_ref().map(GyroUnit::new);
         for _ in 0..4000 {
-            assert_eq!(following.count_sample(), unit.end_sample().end_ns);
+            let ends_ns = units.each_mut().map(|unit| unit.end_sample().end_ns);
+            assert_eq!([GyroUnit::count_samples(&mut following); 2], ends_ns);
         }
-        let (counts, others) = (following.accumulated_counts(), unit.accumulated_counts());
-        for index in (0..4).filter(|&index| gyros[index]) {
-            let error = (counts[index] - others[index]).abs();
-            assert!(error < 1e-6 * others[index].abs().max(1.0), "{overrides:?}: {error}");
+        for (following, unit) in following.iter().zip(&units) {
+            let (counts, others) = (following.accumulated_counts(), unit.accumulated_counts());
+            for index in (0..4).filter(|&index| gyros[index]) {
+                let error = (counts[index] - others[index]).abs();
+                assert!(error < 1e-6 * others[index].abs().max(1.0), "{overrides:?}: {error}");
+            }
+            assert_eq!(counts[2], 0.0);
         }
-        assert_eq!(counts[2], 0.0);
     }
 }
 

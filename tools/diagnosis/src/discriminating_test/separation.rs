@@ -2,6 +2,7 @@
 //! the model.
 
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -104,7 +105,7 @@ impl Signatures {
             Whitening::new(&noise[channel], &self.blocks[channel], &self.rounding[channel])
         });
         let zero: Series = self.blocks.each_ref().map(|blocks| vec![0.0; blocks.len()]);
-        let normal = NormalEquations::new(whitenings, &zero, &self.nuisances, &[]);
+        let normal = NormalEquations::new(Arc::new(whitenings), &zero, &self.nuisances, &[]);
         let white = |columns: &Vec<Nuisance>| columns.iter().map(|own| Signature::new(&normal, own)).collect();
         let white = |all: &[Vec<Nuisance>]| -> Vec<Vec<Signature>> { all.iter().map(white).collect() };
         let (parameters, truths) = (white(&self.parameters), white(&self.truths));
@@ -175,9 +176,7 @@ pub fn fitted_chi2(case: &DiagnosisCase, state: &ModelState, index: usize, pair:
     let remaining = |truth: &FittedHypothesis, model: &FittedHypothesis| {
         let truth = with(FittedHypothesis::fixed(truth.hypothesis.clone()));
         let measured = case.measured.with_counts(case.run(&truth));
-        let (nuisances, rounding, linear) = (case.nuisances.clone(), case.rounding.clone(), case.linear.clone());
-        let (nominal, origin, fits) = (case.nominal, case.origin.clone(), Default::default());
-        let case = DiagnosisCase { measured: &measured, nominal, nuisances, origin, rounding, linear, fits };
+        let case = DiagnosisCase { linear: case.linear.clone(), ..case.on(&measured) };
         let fits = starts(model).into_iter().map(|start| case.fit(&mut with(start)).squares());
         fits.filter(|chi2| chi2.is_finite()).fold(f64::INFINITY, f64::min)
     };

@@ -8,45 +8,49 @@ use geu_model::{Configuration, GyroUnit, MeasuredTemperatures, Truth};
 
 use crate::time_origin::shift_origin;
 
-use super::model_cache::Run;
-use super::series::{Series, Shifts, TIMING, TIMING_UNIT_S};
+use super::model_cache::CachedRun;
+use super::series::{ModelRun, Series, Shifts, TIMING, TIMING_UNIT_S};
 use super::{BLOCK, MeasuredData, nodes};
 
 impl MeasuredData {
-    /// Runs a model without its noise on this motion at these temperatures. Returns at each node the accumulated counts before
-    /// rounding, and the delay of the sample's end against the nominal one.
-    pub fn run(&self, configuration: &Configuration, shifts: Shifts) -> Series {
-        let mut unit = configuration.clone();
-        let gyros = std::mem::take(&mut unit.gyros);
-        let known = self.runs.known(&unit, &gyros, shifts);
-        if known.iter().all(Option::is_some) {
-            return known.map(|channel| channel.map(|channel| channel.to_vec()).unwrap_or_default());
-        }
-        let mut run = self.run_on(std::array::from_fn(|gyro| known[gyro].is_none()), configuration, shifts);
-        let mut channel = 0;
-        let channels = known.map(|known| {
-            channel += 1;
-            known.unwrap_or_else(|| Arc::new(std::mem::take(&mut run[channel - 1])))
-        });
-        let series = channels.each_ref().map(|channel| channel.to_vec());
-        self.runs.keep(Run { unit, gyros, shifts, channels });
-        series
+    /// Runs a model without its noise on this motion at these temperatures: at each node the accumulated counts before rounding, and the
+    /// delay of the sample's end against the nominal one.
+    pub fn run(&self, configuration: &Configuration, shifts: Shifts) -> ModelRun {
+        self.run_all(std::slice::from_ref(configuration), shifts).remove(0)
     }
 
-    /// A run that counts only these gyros.
-    fn run_on(&self, gyros: [bool; 4], configuration: &Configuration, shifts: Shifts) -> Series {
-        let mut unit = self.unit(gyros, configuration, shifts);
-        let mut series: Series = std::array::from_fn(|_| Vec::with_capacity(self.samples + 1));
-        series.iter_mut().for_each(|channel| channel.push(0.0));
-        for node in 1..=self.samples {
-            let end_ns = unit.count_sample();
-            for (channel, counts) in series.iter_mut().zip(unit.accumulated_counts()) {
-                channel.push(counts);
+    /// Runs several models. Neighbours that differ in their gyros alone follow the motion together, which takes less time.
+    pub fn run_all(&self, configurations: &[Configuration], shifts: Shifts) -> Vec<ModelRun> {
+        let mut all: Vec<CachedRun> = configurations.iter().map(|own| self.runs.known(own, shifts)).collect();
+        let runs = configurations.iter().zip(&mut all);
+        let mut missing: Vec<_> = runs.filter(|(_, run)| run.channels.iter().any(Option::is_none)).collect();
+        for same in missing.chunk_by_mut(|(_, one), (_, other)| one.unit == other.unit) {
+            let unit = |(configuration, run): &(&Configuration, &mut CachedRun)| {
+                self.unit(std::array::from_fn(|gyro| run.channels[gyro].is_none()), configuration, shifts)
+            };
+            let counted = self.count(same.iter().map(unit).collect());
+            for ((_, run), counted) in same.iter_mut().zip(counted) {
+                run.channels.iter_mut().zip(counted).for_each(|(known, counted)| {
+                    known.get_or_insert_with(|| Arc::new(counted));
+                });
+                self.runs.keep(run.clone());
             }
-            let late_ns = end_ns - node as i64 * SAMPLE_INTERVAL_NS;
-            series[TIMING].push(late_ns as f64 * 1e-9 / TIMING_UNIT_S);
         }
-        series
+        all.into_iter().map(|run| run.channels.map(Option::unwrap_or_default)).collect()
+    }
+
+    /// Runs units that differ in their gyros alone.
+    fn count(&self, mut units: Vec<GyroUnit>) -> Vec<Series> {
+        let start = || std::array::from_fn(|_| vec![0.0; self.samples + 1]);
+        let mut all: Vec<Series> = units.iter().map(|_| start()).collect();
+        for node in 1..=self.samples {
+            let late_ns = GyroUnit::count_samples(&mut units) - node as i64 * SAMPLE_INTERVAL_NS;
+            for (series, unit) in all.iter_mut().zip(&units) {
+                series.iter_mut().zip(unit.accumulated_counts()).for_each(|(channel, counts)| channel[node] = counts);
+                series[TIMING][node] = late_ns as f64 * 1e-9 / TIMING_UNIT_S;
+            }
+        }
+        all
     }
 
     /// The model's unit on this motion, which counts only these gyros.

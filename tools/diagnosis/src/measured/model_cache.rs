@@ -19,7 +19,7 @@ const KEPT: usize = 24;
 #[derive(Debug, Default)]
 pub(super) struct ModelCache {
     /// In the order of use.
-    kept: Mutex<Vec<Run>>,
+    kept: Mutex<Vec<CachedRun>>,
     /// The motion delayed by the last lag.
     delayed: Mutex<Option<(f64, Arc<RecordedAttitude>)>>,
     /// The measured temperatures with the last delay and the reference temperature.
@@ -33,20 +33,20 @@ impl Clone for ModelCache {
     }
 }
 
-/// One run.
+/// One run; `None` for a channel that is to be counted.
 #[derive(Debug, Clone)]
-pub(super) struct Run {
+pub(super) struct CachedRun {
     /// The configuration without its gyros.
     pub(super) unit: Configuration,
-    pub(super) gyros: [GyroConfiguration; 4],
-    pub(super) shifts: Shifts,
-    pub(super) channels: [Arc<Vec<f64>>; CHANNELS],
+    gyros: [GyroConfiguration; 4],
+    shifts: Shifts,
+    pub(super) channels: [Option<Arc<Vec<f64>>>; CHANNELS],
 }
 
-impl Run {
-    /// True for a run of this unit with these time shifts.
-    fn is_of(&self, unit: &Configuration, shifts: Shifts) -> bool {
-        self.shifts == shifts && self.unit == *unit
+impl CachedRun {
+    /// True if the unit of the other and the time shifts are the same.
+    fn is_of_unit(&self, other: &CachedRun) -> bool {
+        self.shifts == other.shifts && self.unit == other.unit
     }
 }
 
@@ -84,36 +84,36 @@ impl ModelCache {
         }
     }
 
-    /// Cached channels of such a run.
-    pub(super) fn known(
-        &self,
-        unit: &Configuration,
-        gyros: &[GyroConfiguration; 4],
-        shifts: Shifts,
-    ) -> [Option<Arc<Vec<f64>>>; CHANNELS] {
+    /// A run with its cached channels.
+    pub(super) fn known(&self, configuration: &Configuration, shifts: Shifts) -> CachedRun {
+        let mut unit = configuration.clone();
+        let gyros = std::mem::take(&mut unit.gyros);
+        let mut run = CachedRun { unit, gyros, shifts, channels: Default::default() };
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let matches: Vec<bool> = kept.iter().map(|run| run.is_of(unit, shifts)).collect();
+        let matches: Vec<bool> = kept.iter().map(|other| run.is_of_unit(other)).collect();
         let mut is_used = vec![false; kept.len()];
-        let known = std::array::from_fn(|channel| {
-            let has =
-                |place: &usize| matches[*place] && (channel == TIMING || kept[*place].gyros[channel] == gyros[channel]);
+        run.channels = std::array::from_fn(|channel| {
+            let has = |place: &usize| {
+                matches[*place] && (channel == TIMING || kept[*place].gyros[channel] == run.gyros[channel])
+            };
             let place = (0..kept.len()).rev().find(has)?;
             is_used[place] |= channel != TIMING;
-            Some(kept[place].channels[channel].clone())
+            kept[place].channels[channel].clone()
         });
         // Used runs go last.
         let mut used = is_used.into_iter();
-        let (last, mut first): (Vec<Run>, Vec<Run>) = kept.drain(..).partition(|_| used.next() == Some(true));
+        let (last, mut first): (Vec<CachedRun>, Vec<CachedRun>) =
+            kept.drain(..).partition(|_| used.next() == Some(true));
         first.extend(last);
         *kept = first;
-        known
+        run
     }
 
     /// Adds a run, in place of the one unused for longest.
-    pub(super) fn keep(&self, run: Run) {
+    pub(super) fn keep(&self, run: CachedRun) {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         // Another thread may have run the same.
-        kept.retain(|other| !(other.is_of(&run.unit, run.shifts) && other.gyros == run.gyros));
+        kept.retain(|other| !(other.is_of_unit(&run) && other.gyros == run.gyros));
         if kept.len() >= KEPT {
             kept.remove(0);
         }

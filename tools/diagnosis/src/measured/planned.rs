@@ -8,7 +8,7 @@ use geu_model::attitude::RecordedAttitude;
 use geu_model::units::{ORBIT_S, SAMPLE_INTERVAL_S};
 
 use super::model_cache::ModelCache;
-use super::series::Series;
+use super::series::ModelRun;
 use super::{BLOCK, Block, MeasuredData};
 
 /// A motion that has not been recorded.
@@ -64,9 +64,9 @@ impl MeasuredData {
 
     /// This motion with the counts and sample ends of a model run.
     #[must_use]
-    pub fn with_counts(&self, run: Series) -> MeasuredData {
+    pub fn with_counts(&self, run: ModelRun) -> MeasuredData {
         let mut with = self.clone();
-        let [gyros @ .., late] = run;
+        let [gyros @ .., late] = run.map(Arc::unwrap_or_clone);
         (with.counts.accumulated, with.late) = (gyros, late);
         with
     }

@@ -1,5 +1,7 @@
 //! Channels in which a recording and a model are compared.
 
+use std::sync::Arc;
+
 /// Number of channels: the accumulated angles of the four gyros, and the ends of their samples.
 pub const CHANNELS: usize = 5;
 /// The channel of the receive times, after those of the gyros.
@@ -16,5 +18,7 @@ pub struct Shifts {
     pub temperature_s: f64,
 }
 
-/// A model or a recording: each channel at every node, or averaged over blocks.
+/// Each channel averaged over blocks.
 pub type Series = [Vec<f64>; CHANNELS];
+/// A run of the model: each channel at every node.
+pub type ModelRun = [Arc<Vec<f64>>; CHANNELS];

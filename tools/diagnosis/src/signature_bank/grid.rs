@@ -16,9 +16,12 @@ use geu_hypothesis::amplitude::AmplitudeRef;
 
 /// Factor between neighbouring values of a nonlinear amplitude.
 pub const SIZE_FACTOR: f64 = 1.5;
-/// Maximum number of values of a nonlinear amplitude, down to a hundred thousandth of the largest accepted one; run at once.
+/// Maximum number of values of a nonlinear amplitude, down to a hundred thousandth of the largest accepted one; and how many of
+/// them are run before the next are.
 const MAX_SIZES: usize = 30;
 const SIZES_AT_ONCE: usize = 5;
+/// Values that are run on one core.
+const SIZES_OF_A_RUN: usize = 3;
 /// Values between two of the grid that differ steeply, and one.
 pub const PARTS: i32 = 4;
 /// Fitted values, over the value of the run, for which any nonlinear signature is valid: neighbouring values lie within.
@@ -31,7 +34,7 @@ const SHAPE_FACTOR: f64 = 3.0;
 /// Signatures of a nonlinear amplitude from its largest accepted values down to the smallest visible ones, which depend on the motion, and
 /// between two where they differ by more than in proportion: near the amplitude of a limit cycle, a dead zone of 1.5 times the value adds
 /// several times as much. Each is valid for what its neighbours add.
-pub fn visible(limits: Size, signature: impl Fn(f64) -> ConstantSignature + Sync) -> Vec<ConstantSignature> {
+pub fn visible(limits: Size, signatures: impl Fn(&[f64]) -> Vec<ConstantSignature> + Sync) -> Vec<ConstantSignature> {
     let is_visible = |own: &ConstantSignature| {
         let values = own.series.iter().take(TIMING).flat_map(|series| series.iter());
         values.fold(0.0, |largest: f64, value| largest.max(value.abs())) * own.size.abs() > VISIBLE_COUNTS
@@ -41,9 +44,9 @@ pub fn visible(limits: Size, signature: impl Fn(f64) -> ConstantSignature + Sync
         let all: Vec<f64> = all.collect();
         let mut found = Vec::new();
         for some in all.chunks(SIZES_AT_ONCE) {
-            let signatures: Vec<_> = some.par_iter().map(|&size| signature(size)).collect();
-            let are_all = signatures.iter().all(is_visible);
-            found.extend(signatures.into_iter().filter(is_visible));
+            let some: Vec<_> = some.par_chunks(SIZES_OF_A_RUN).flat_map_iter(&signatures).collect();
+            let are_all = some.iter().all(is_visible);
+            found.extend(some.into_iter().filter(is_visible));
             if !are_all {
                 break;
             }
@@ -53,7 +56,8 @@ pub fn visible(limits: Size, signature: impl Fn(f64) -> ConstantSignature + Sync
         let between = |pair: &[ConstantSignature]| -> Vec<ConstantSignature> {
             let is_steep = reach(&pair[0], &pair[1]) != NEAR_SIZES || reach(&pair[1], &pair[0]) != NEAR_SIZES;
             let size = |part: i32| pair[0].size * SIZE_FACTOR.powf(-f64::from(part) / f64::from(PARTS));
-            (1..PARTS).filter(|_| is_steep).map(|part| signature(size(part))).collect()
+            let sizes: Vec<f64> = (1..PARTS).filter(|_| is_steep).map(size).collect();
+            signatures(&sizes)
         };
         let between: Vec<Vec<ConstantSignature>> = found.par_windows(2).map(between).collect();
         let between = between.into_iter().chain([Vec::new()]);
