@@ -85,7 +85,7 @@ pub fn run(arguments: &Arguments) -> Result {
         Ok(TrialMotion::new(nominal, duration_s)?)
     });
     let motions = motions.into_iter().collect::<Result<Vec<TrialMotion>>>()?;
-    let [mut separated, mut named, mut pairs] = [0; 3];
+    let [mut separated, mut named, mut pairs, mut proposed] = [0; 4];
     let mut known = BTreeSet::new();
     for index in 0..arguments.pairs {
         let motion = index % MOTIONS.len();
@@ -96,6 +96,7 @@ pub fn run(arguments: &Arguments) -> Result {
         let [one, other] = pair.hypotheses.each_ref().map(name);
         println!("{pairs}. {}: {one} or {other}: {}", pair.motion, pair.test);
         let Some(next) = &pair.next else { continue };
+        proposed += 1;
         let comparisons = compare(&pair, next, (arguments.seed << 20) + ((index as u64) << 10))?;
         for (hypothesis, comparison) in pair.hypotheses.iter().zip(&comparisons) {
             let sigmas = comparison.chi2.max(0.0).sqrt();
@@ -104,8 +105,12 @@ pub fn run(arguments: &Arguments) -> Result {
         separated += usize::from(comparisons.iter().all(|comparison| comparison.chi2 >= SEPARATED_CHI2));
         named += usize::from(comparisons.iter().all(|comparison| comparison.is_named));
     }
+    println!("manoeuvre proposed: {proposed} of {pairs}");
     println!("separated by 5 sigma whichever is true: {separated} of {pairs}; only the true one named: {named}");
-    Ok(())
+    match proposed {
+        0 => Err("expected a manoeuvre for some of the pairs, no diagnosis proposed one".into()),
+        _ => Ok(()),
+    }
 }
 
 fn name(hypothesis: &Hypothesis) -> String {
@@ -148,7 +153,7 @@ fn pair(
     let Some(injected) = injected.first().filter(|own| own.hypothesis.profile().is_none()) else { return Ok(None) };
     let mut unit = Configuration { seed: (seed << 20) + draw as u64, ..trial.nominal.clone() };
     injected.hypothesis.apply(&mut unit);
-    let diagnosis = trial.diagnose(&simulate(&unit, trial.duration_s))?;
+    let diagnosis = trial.diagnose_with_plans(&simulate(&unit, trial.duration_s), true)?;
     let [entry] = missing(&diagnosis)[..] else { return Ok(None) };
     let Some(found) = entry.hypothesis().filter(|_| has(entry, &injected.hypothesis)) else { return Ok(None) };
     // The pair contains the injected effect.
@@ -207,4 +212,20 @@ fn chi2(recording: &SimulatedRecording, nominal: &Configuration, hypothesis: &Hy
     let mut state = case.start(noise::configured(nominal, &measured, &case.rounding, &residual));
     state.held.push(FittedHypothesis::new(hypothesis.clone()));
     Ok(case.fit(&mut state).squares())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pair_has_a_discriminating_test() {
+        let (motion, manoeuvres, duration_s) = MOTIONS[0];
+        let nominal = Configuration::reference_with(&["seed=1".to_owned(), manoeuvres.to_owned()]).expect("valid");
+        let trial = TrialMotion::new(nominal, duration_s).expect("long enough");
+        let mut known = BTreeSet::new();
+        let found = (0..TRIES).find_map(|draw| pair(&trial, motion, 1, draw, &mut known).expect("a diagnosis"));
+        let found = found.expect("an ambiguous recording");
+        assert!(!found.test.is_empty(), "{} or {}", name(&found.hypotheses[0]), name(&found.hypotheses[1]));
+    }
 }

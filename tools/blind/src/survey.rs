@@ -215,22 +215,35 @@ impl TrialMotion {
     /// # Errors
     /// See [`diagnose_rows`].
     pub fn diagnose(&self, recording: &SimulatedRecording) -> Result<Diagnosis, MeasuredError> {
+        self.diagnose_with_plans(recording, false)
+    }
+
+    /// Diagnoses a recording of this motion; with `plans_manoeuvres` manoeuvres that separate alternatives are proposed.
+    pub fn diagnose_with_plans(
+        &self,
+        recording: &SimulatedRecording,
+        plans_manoeuvres: bool,
+    ) -> Result<Diagnosis, MeasuredError> {
         if self.thresholds.get().is_none() {
             let seed = self.nominal.seed.wrapping_add(1) & i64::MAX as u64;
             let effect_free = simulate(&Configuration { seed, ..self.nominal.clone() }, self.duration_s);
             // Another thread may have stored the same thresholds.
-            let _ = self.thresholds.set(self.diagnose_with(&effect_free, None)?.thresholds);
+            let _ = self.thresholds.set(self.diagnose_with(&effect_free, None, false)?.thresholds);
         }
-        self.diagnose_with(recording, self.thresholds.get())
+        self.diagnose_with(recording, self.thresholds.get(), plans_manoeuvres)
     }
 
     fn diagnose_with(
         &self,
         recording: &SimulatedRecording,
         thresholds: Option<&Thresholds>,
+        plans_manoeuvres: bool,
     ) -> Result<Diagnosis, MeasuredError> {
-        let options =
-            DiagnosisOptions { known: &|_| thresholds.cloned(), ..DiagnosisOptions::new(recording.reference.start_ns) };
+        let options = DiagnosisOptions {
+            known: &|_| thresholds.cloned(),
+            plans_manoeuvres,
+            ..DiagnosisOptions::new(recording.reference.start_ns)
+        };
         diagnose_rows(&recording.rows, &[], &self.nominal, &recording.reference, &options)
     }
 }
