@@ -18,7 +18,6 @@ use geu_diagnosis::{DiagnosisCase, MeasuredData, noise};
 use geu_hypothesis::Hypothesis;
 use geu_hypothesis::gyros::Gyros;
 use geu_model::Configuration;
-use geu_model::parameter_spec::Role;
 use geu_recording::Sink;
 
 use crate::Result;
@@ -119,11 +118,6 @@ fn name(hypothesis: &Hypothesis) -> String {
     format!("{} {what} {value:.3e}", names(&hypothesis.gyros).join("+"))
 }
 
-/// True if it begins or ends at a time of the recording, which no new recording repeats.
-fn is_event(hypothesis: &Hypothesis) -> bool {
-    hypothesis.parameters().iter().any(|parameter| matches!(parameter.role, Role::Onset | Role::Duration))
-}
-
 /// True if an entry is a hypothesis.
 fn is(code: &str, formula: Option<&String>, gyros: Gyros, hypothesis: &Hypothesis) -> bool {
     let own = hypothesis.amplitude.formula().map(|formula| formula.to_string());
@@ -163,7 +157,7 @@ fn pair(
         let is_injected = is(&other.code, other.formula.as_ref(), other.gyros, &injected.hypothesis);
         let hypotheses = [found.clone(), hypothesis];
         let codes = hypotheses.each_ref().map(|own| own.amplitude.code());
-        if !(is_found || is_injected) || hypotheses.iter().any(is_event) || !known.insert(codes) {
+        if !(is_found || is_injected) || hypotheses.iter().any(Hypothesis::has_onset) || !known.insert(codes) {
             continue;
         }
         let test = other.discriminating_test.clone().unwrap_or_default();

@@ -91,16 +91,22 @@ impl Entries<'_> {
             // The whole ambiguity group, and the next one.
             let in_group = all.iter().take_while(|other| other.delta_chi2 < AMBIGUITY_CHI2).count();
             all.truncate((in_group + 1).max(ALTERNATIVES));
-            let tested = if self.plans_manoeuvres { in_group.min(ALTERNATIVES) } else { 0 };
-            let mut tests = tests.select(&selected.state, index, &all[..tested]);
-            tests.resize(all.len(), None);
+            // Alternatives with an onset last: in a new recording they are constant.
+            let mut tested: Vec<usize> = (0..in_group).collect();
+            tested.sort_by_key(|&place| all[place].hypothesis.has_onset());
+            tested.truncate(if self.plans_manoeuvres { ALTERNATIVES } else { 0 });
+            let chosen: Vec<Alternative> = tested.iter().map(|&place| all[place].clone()).collect();
+            let mut tests_of_all = vec![None; all.len()];
+            for (place, test) in tested.into_iter().zip(tests.select(&selected.state, index, &chosen)) {
+                tests_of_all[place] = test;
+            }
             let reported = |(other, test): (&Alternative, Option<DiscriminatingTest>)| {
                 ReportedAlternative::new(&other.hypothesis, other.cosine, other.delta_chi2, test)
             };
             DiagnosedEffect {
                 chi2: Some(chi2),
                 held_out: Some(held.held_out),
-                alternatives: all.iter().zip(tests).map(reported).collect(),
+                alternatives: all.iter().zip(tests_of_all).map(reported).collect(),
                 ..effect(&held.hypothesis, &held.sigmas)
             }
         };

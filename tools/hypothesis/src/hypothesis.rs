@@ -138,6 +138,11 @@ impl Hypothesis {
         }
     }
 
+    /// True if it begins at a time of the recording, which no new recording repeats.
+    pub fn has_onset(&self) -> bool {
+        self.parameters().iter().any(|parameter| parameter.role == Role::Onset)
+    }
+
     /// Numbers: name, value and limits; the amplitude first.
     pub fn parameters(&self) -> Vec<HypothesisParameter> {
         let of = |((number, value), name): ((&ParameterSpec, &f64), String)| HypothesisParameter {
