@@ -65,6 +65,13 @@ fn effect(hypothesis: &Hypothesis, sigmas: &[f64]) -> DiagnosedEffect {
     }
 }
 
+/// Places of the alternatives that get a discriminating test, those with an onset last: in a new recording they are constant.
+fn tested<'a>(group: impl Iterator<Item = &'a Hypothesis>) -> Vec<usize> {
+    let mut places: Vec<(bool, usize)> = group.enumerate().map(|(place, own)| (own.has_onset(), place)).collect();
+    places.sort_unstable();
+    places.into_iter().take(ALTERNATIVES).map(|(_, place)| place).collect()
+}
+
 impl Entries<'_> {
     /// Wiring faults of the exact checks.
     pub fn faults(&self) -> Vec<DiagnosedEffect> {
@@ -91,10 +98,8 @@ impl Entries<'_> {
             // The whole ambiguity group, and the next one.
             let in_group = all.iter().take_while(|other| other.delta_chi2 < AMBIGUITY_CHI2).count();
             all.truncate((in_group + 1).max(ALTERNATIVES));
-            // Alternatives with an onset last: in a new recording they are constant.
-            let mut tested: Vec<usize> = (0..in_group).collect();
-            tested.sort_by_key(|&place| all[place].hypothesis.has_onset());
-            tested.truncate(if self.plans_manoeuvres { ALTERNATIVES } else { 0 });
+            let group = all[..in_group].iter().filter(|_| self.plans_manoeuvres);
+            let tested = tested(group.map(|other| &other.hypothesis));
             let chosen: Vec<Alternative> = tested.iter().map(|&place| all[place].clone()).collect();
             let mut tests_of_all = vec![None; all.len()];
             for (place, test) in tested.into_iter().zip(tests.select(&selected.state, index, &chosen)) {
@@ -304,4 +309,23 @@ fn amplitude_of(walk: Walk) -> AmplitudeRef {
 fn is_the_same(found: &AmplitudeRef, alternative: &Alternative) -> bool {
     let is_law = found.formula().is_none() && alternative.hypothesis.amplitude.formula().is_some();
     is_law && alternative.cosine > SAME_SIGNATURE
+}
+
+#[cfg(test)]
+mod tests {
+    use geu_hypothesis::amplitude::STEP;
+
+    use super::*;
+
+    #[test]
+    fn alternatives_with_an_onset_leave_a_test_to_the_others() {
+        let with_steps = |amplitude: &AmplitudeRef| amplitude.own_shapes().is_empty() && amplitude.with(STEP).is_some();
+        let amplitude = AmplitudeRef::all().into_iter().find(with_steps).expect("an effect with steps");
+        let constant = Hypothesis::constant(amplitude, 1.0, ALL_GYROS);
+        let stepped = amplitude.with(STEP).expect("a step");
+        let step = Hypothesis { course_shapes: vec![100.0], ..Hypothesis::constant(stepped, 1.0, ALL_GYROS) };
+        let group = [vec![step; ALTERNATIVES], vec![constant]].concat();
+        let places: Vec<usize> = [ALTERNATIVES].into_iter().chain(0..ALTERNATIVES - 1).collect();
+        assert_eq!(tested(group.iter()), places);
+    }
 }
