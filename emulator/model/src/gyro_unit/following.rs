@@ -54,7 +54,7 @@ impl GyroUnit {
     }
 
     /// Ends the running sample interval of units that differ in their gyros alone and begins the next, without flags, wiring faults and
-    /// self-test; returns its scheduled end, ns. The first unit follows the motion for all of them.
+    /// self-test; returns its scheduled end, ns, or 0 without units. The first unit follows the motion for all of them.
     pub fn count_samples(units: &mut [GyroUnit]) -> i64 {
         let Some(first) = units.first_mut() else { return 0 };
         let end_ns = first.running_end_ns();

@@ -20,7 +20,7 @@ pub const SIZE_FACTOR: f64 = 1.5;
 /// them are run before the next are.
 const MAX_SIZES: usize = 30;
 const SIZES_AT_ONCE: usize = 5;
-/// Values that are run on one core.
+/// Values that are run on one core: half of them, so that two cores share them.
 const SIZES_OF_A_RUN: usize = 3;
 /// Values between two of the grid that differ steeply, and one.
 pub const PARTS: i32 = 4;
