@@ -20,8 +20,9 @@ use crate::whiteness::whiteness_statistic;
 use crate::whitening::NoiseModel;
 use geu_hypothesis::amplitude::AmplitudeRef;
 
-/// Margin by which a formula must be better than the catalogue: odds of e⁵, 150 to one.
-const FORMULA_MARGIN: f64 = 10.0;
+/// Margin by which a formula must be better than the catalogue, beside the penalty for the number of formulas: odds of e^2.5, twelve to
+/// one, that an effect is of the catalogue.
+const FORMULA_MARGIN: f64 = 5.0;
 /// Maximum number of times that two hypotheses are added at once.
 const PAIR_ROUNDS: usize = 3;
 /// Version of the search beside the model's lists. It changes with grids, families and null recordings, so that stored thresholds never
