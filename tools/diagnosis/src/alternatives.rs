@@ -34,7 +34,8 @@ const FORMULAS: usize = 3;
 /// With three sigma, noise excluded the true one in 2 of 222 recordings with one effect (docs/diagnosis.md).
 pub const AMBIGUITY_CHI2: f64 = FOUR_SIGMA_CHI2;
 /// Difference of χ² below which another hypothesis with shape parameters or a nonlinear amplitude is fitted by the model before it is
-/// excluded: signatures have them on a grid only. Time courses of the same nonlinear amplitude are fitted at any difference.
+/// excluded: signatures have them on a grid only. Time courses of the same nonlinear amplitude on the same gyros are fitted at any
+/// difference.
 const NEAR_CHI2: f64 = 30.0;
 /// Maximum number of other fits.
 const FITTED: usize = 6;
@@ -248,7 +249,7 @@ fn in_place_of(
         let cosine = own.cosine(normal, &best.signature(bank, normal));
         let (hypothesis, family) = (best.hypothesis(bank), best.family(bank));
         let delta_chi2 = delta(fall - best.gain.chi2, penalties.found - (penalties.of)(family, &hypothesis));
-        let is_same = hypothesis.amplitude.constant() == held.amplitude.constant();
+        let is_same = hypothesis.amplitude.constant() == held.amplitude.constant() && hypothesis.gyros == held.gyros;
         let reach_chi2 = match bank.bases[best.base].is_linear {
             true if has_shapes || hypothesis.parameters().len() > 1 => NEAR_CHI2,
             true => 0.0,
