@@ -5,6 +5,7 @@ use std::cell::LazyCell;
 use geu_calibration::window::ManoeuvreWindow;
 use geu_model::Configuration;
 
+use crate::alternatives::AMBIGUITY_CHI2;
 use crate::diagnosis_case::DiagnosisCase;
 use crate::linear_signatures::LinearSignatures;
 use crate::measured::{BLOCK, CHANNELS, MeasuredData, ModelRun, Shifts};
@@ -119,6 +120,8 @@ impl<'a> Solution<'a> {
         progress("search");
         let of_catalogue = Searches { pair_rounds: PAIR_ROUNDS, ..Searches::new(&case, &catalogue, &thresholds) };
         let of_all = LazyCell::new(|| Searches::new(&case, &all, &thresholds));
+        let is_stated =
+            |own: &SelectedModel| is_noise(own, &thresholds) && !own.overfitted_gyros(nominal).contains(&true);
         let pass = |per_gyro: usize| {
             let effects = select_model(&of_catalogue, &start, per_gyro);
             if !effects.is_cut && is_noise(&effects, &thresholds) && !effects.is_doubtful(&case, &formulas, &thresholds)
@@ -127,20 +130,25 @@ impl<'a> Solution<'a> {
             }
             progress("formulas");
             let other = select_model(&of_all, &start, per_gyro);
-            // A transient is as unlikely as a formula.
+            // A transient is as unlikely as a formula, and so is another effect at the same time.
             let is_of_time = other.state.held.iter().any(|held| held.hypothesis.amplitude.is_formula_of_time());
-            let margin = if effects.has_transient() && !is_of_time { 0.0 } else { FORMULA_MARGIN };
-            // What ends unexplained is not better than effects that do not.
-            let is_stated =
-                |own: &SelectedModel| is_noise(own, &thresholds) && !own.overfitted_gyros(nominal).contains(&true);
+            let is_fewer = other.state.held.len() < effects.state.held.len();
+            let is_as_likely = is_fewer || effects.has_transient() && !is_of_time;
+            let margin = if is_as_likely { 0.0 } else { FORMULA_MARGIN };
+            // What ends unexplained replaces only effects that it excludes.
+            let margin = if is_stated(&other) || !is_stated(&effects) { margin } else { AMBIGUITY_CHI2 };
             let is_better = other.requires_formula(&case)
-                && other.score(&case, &thresholds) + margin < effects.score(&case, &thresholds)
-                && (is_stated(&other) || !is_stated(&effects));
+                && other.score(&case, &thresholds) + margin < effects.score(&case, &thresholds);
             if is_better { other } else { effects }
         };
         // A second effect on one gyro is rare: a formula is tried first.
-        let single = pass(1);
-        let mut selected = if single.is_cut { pass(MAX_PER_GYRO) } else { single };
+        let mut selected = pass(1);
+        if selected.is_cut {
+            let several = pass(MAX_PER_GYRO);
+            if !is_stated(&selected) || several.score(&case, &thresholds) < selected.score(&case, &thresholds) {
+                selected = several;
+            }
+        }
         merge_gyros(&case, &mut selected);
         selected.cross_validate(&case);
         let needs_formulas = !selected.state.held.is_empty() || !is_noise(&selected, &thresholds);
