@@ -19,12 +19,11 @@ use crate::fitted_hypothesis::FittedHypothesis;
 use crate::linear_signatures::LinearSignatures;
 use crate::measured::{BLOCK, MeasuredData};
 use crate::model_state::ModelState;
-use crate::next_manoeuvre::{DiscriminatingTest, NO_TEST, NextManoeuvre, SAME_AFTER_ONSET, SURE_SIGMA};
+use crate::next_manoeuvre::{DiscriminatingTest, NO_TEST, NextManoeuvre, SURE_SIGMA};
 use crate::normal_equations::Nuisance;
 use crate::rounding::Rounding;
 use crate::significance::THREE_SIGMA_CHI2;
 use geu_hypothesis::Hypothesis;
-use geu_hypothesis::amplitude::STEP;
 use separation::{Separation, Signatures, fitted_chi2, in_place};
 use sequences::{Sequence, planned};
 
@@ -112,21 +111,13 @@ impl<'a> DiscriminatingTests<'a> {
     ) -> Vec<Option<DiscriminatingTest>> {
         // A planned motion has a time of its own, which moves time courses, but no formula.
         let is_of_time = |hypothesis: &Hypothesis| hypothesis.amplitude.is_formula_of_time();
-        let found = &state.held[index].hypothesis;
-        let is_same = |alternative: &Alternative| is_same_after_onset(found, &alternative.hypothesis);
+        let is_found_of_time = is_of_time(&state.held[index].hypothesis);
         let is_ambiguous = |alternative: &&Alternative| {
-            alternative.delta_chi2 < AMBIGUITY_CHI2
-                && !is_of_time(found)
-                && !is_of_time(&alternative.hypothesis)
-                && !is_same(alternative)
-        };
-        let same = |alternative: &Alternative| {
-            let text = SAME_AFTER_ONSET.to_owned();
-            is_same(alternative).then_some(DiscriminatingTest { text, manoeuvre: None })
+            alternative.delta_chi2 < AMBIGUITY_CHI2 && !is_found_of_time && !is_of_time(&alternative.hypothesis)
         };
         let ambiguous: Vec<&Alternative> = alternatives.iter().filter(is_ambiguous).collect();
         if ambiguous.is_empty() {
-            return alternatives.iter().map(same).collect();
+            return vec![None; alternatives.len()];
         }
         let others: Vec<&Hypothesis> = ambiguous.iter().map(|alternative| &alternative.hypothesis).collect();
         let hypotheses = in_place(state, index, &others);
@@ -136,7 +127,7 @@ impl<'a> DiscriminatingTests<'a> {
         let mut warmings = self.warmings(&group, &manoeuvres).into_iter();
         let mut tests =
             manoeuvres.into_iter().map(|(name, manoeuvre)| test(name, manoeuvre, warmings.next().flatten()));
-        alternatives.iter().map(|own| if is_ambiguous(&own) { tests.next() } else { same(own) }).collect()
+        alternatives.iter().map(|own| if is_ambiguous(&own) { tests.next() } else { None }).collect()
     }
 
     /// For each alternative the shortest sequence that is sure, otherwise the most effective one, with its name.
@@ -248,16 +239,6 @@ impl<'a> DiscriminatingTests<'a> {
     }
 }
 
-/// True for an effect and a step of the same amplitude: a new recording begins after the onset.
-fn is_same_after_onset(one: &Hypothesis, other: &Hypothesis) -> bool {
-    let remains = |own: &Hypothesis| own.amplitude.kind.is_none_or(|kind| kind == STEP);
-    one.amplitude.constant() == other.amplitude.constant()
-        && one.gyros == other.gyros
-        && one.own_shapes == other.own_shapes
-        && remains(one)
-        && remains(other)
-}
-
 /// True for a time course that varies with the temperature or an orbit rather than with the motion.
 fn is_wave(hypothesis: &Hypothesis) -> bool {
     hypothesis.profile().is_some_and(|profile| profile.spec.follows_temperature || profile.is_periodic())
@@ -280,26 +261,4 @@ fn test(name: String, manoeuvre: NextManoeuvre, warming: Option<(String, Separat
         None => NO_TEST.to_owned(),
     };
     DiscriminatingTest { text, manoeuvre: (sigma.powi(2) > THREE_SIGMA_CHI2).then_some(manoeuvre) }
-}
-
-#[cfg(test)]
-mod tests {
-    use geu_hypothesis::amplitude::{AmplitudeRef, RAMP};
-    use geu_hypothesis::gyros::{ALL_GYROS, only};
-
-    use super::*;
-
-    #[test]
-    fn a_step_is_its_effect_in_a_new_recording_and_a_ramp_or_another_gyro_is_not() {
-        let with_ramps = |own: &AmplitudeRef| own.own_shapes().is_empty() && own.with(RAMP).is_some();
-        let amplitude = AmplitudeRef::all().into_iter().find(with_ramps).expect("an effect with ramps");
-        let constant = |gyros| Hypothesis::constant(amplitude, 1.0, gyros);
-        let course = |kind: usize, shapes: &[f64]| Hypothesis {
-            course_shapes: shapes.to_vec(),
-            ..Hypothesis::constant(amplitude.with(kind).expect("a course"), 1.0, ALL_GYROS)
-        };
-        let all = [constant(ALL_GYROS), course(STEP, &[100.0]), course(RAMP, &[]), constant(only(0))];
-        let same = |other: &Hypothesis| is_same_after_onset(&all[0], other);
-        assert_eq!(all.each_ref().map(same), [true, true, false, false]);
-    }
 }

@@ -10,8 +10,6 @@ use serde_json::{Map, Value, json};
 pub const SURE_SIGMA: f64 = 7.0;
 /// The sentence without a manoeuvre.
 pub const NO_TEST: &str = "no manoeuvre tried would separate the two";
-/// The sentence for an effect and a step of the same amplitude.
-pub const SAME_AFTER_ONSET: &str = "no new recording would separate the two: after the onset they are the same";
 
 /// The measurement that would separate a hypothesis from an alternative.
 #[derive(Debug, Clone, PartialEq)]
@@ -20,13 +18,6 @@ pub struct DiscriminatingTest {
     pub text: String,
     /// The manoeuvre, if any separates them by 3 sigma or more.
     pub manoeuvre: Option<NextManoeuvre>,
-}
-
-impl DiscriminatingTest {
-    /// True for a sentence without a measurement.
-    pub fn is_none(text: &str) -> bool {
-        [NO_TEST, SAME_AFTER_ONSET].contains(&text)
-    }
 }
 
 /// A scenario of which a new recording, diagnosed by itself, separates two hypotheses.

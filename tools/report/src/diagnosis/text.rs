@@ -1,7 +1,7 @@
 //! The report of `geu diagnose` on a terminal: for a first reader, or everything found. No line is wider than `WIDTH`.
 
 use geu_diagnosis::Verdict;
-use geu_diagnosis::next_manoeuvre::{DiscriminatingTest, NextManoeuvre};
+use geu_diagnosis::next_manoeuvre::{NO_TEST, NextManoeuvre};
 use geu_diagnosis::null_distribution::FALSE_ALARM_RATE;
 use geu_diagnosis::outcome::{
     Chi2Fall, Class, DiagnosedEffect, Diagnosis, EstimatedValue, FollowedTerm, ReportedAlternative, Unexplained,
@@ -172,9 +172,9 @@ fn what_next(entry: &DiagnosedEffect) -> String {
     }
     match same().filter_map(|other| Some((other, other.discriminating_test.as_ref()?))).min_by_key(|(other, test)| {
         let is_sure = other.next_manoeuvre.as_ref().is_some_and(NextManoeuvre::is_sure);
-        (DiscriminatingTest::is_none(test), !is_sure)
+        (*test == NO_TEST, !is_sure)
     }) {
-        Some((_, test)) if DiscriminatingTest::is_none(test) => format!("{test}; --out CONFIG writes the likeliest"),
+        Some((_, test)) if test == NO_TEST => format!("{test}; --out CONFIG writes the likeliest"),
         Some((other, test)) => format!("to separate it from {}: {test}", alternative_name(entry, other)),
         None => "record another motion, which may separate them; --out CONFIG writes the likeliest".to_owned(),
     }
