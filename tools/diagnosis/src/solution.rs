@@ -5,7 +5,6 @@ use std::cell::LazyCell;
 use geu_calibration::window::ManoeuvreWindow;
 use geu_model::Configuration;
 
-use crate::alternatives::AMBIGUITY_CHI2;
 use crate::diagnosis_case::DiagnosisCase;
 use crate::linear_signatures::LinearSignatures;
 use crate::measured::{BLOCK, CHANNELS, MeasuredData, ModelRun, Shifts};
@@ -15,7 +14,7 @@ use crate::noise;
 use crate::null_distribution::{Thresholds, thresholds};
 use crate::rounding::{CLOSED_LOOP, CLOSED_LOOP_WITH_EFFECTS, correlation_with_motion};
 use crate::signature_bank::SignatureBank;
-use crate::significance::THREE_SIGMAS;
+use crate::significance::{FOUR_SIGMA_CHI2, THREE_SIGMAS};
 use crate::small_motions::unknown_rate_arcsec_per_s;
 use crate::whiteness::whiteness_statistic;
 use crate::whitening::NoiseModel;
@@ -102,13 +101,10 @@ impl<'a> Solution<'a> {
         let whole = SignatureBank::new(measured, nominal);
         case.linear = LinearSignatures::new(whole.linear());
         let contains_noise = !has_counts || is_loop;
-        let catalogue = if contains_noise { whole.clone().without_small_motions(&path) } else { whole.clone() };
+        let evident = |bank: SignatureBank| if contains_noise { bank.without_small_motions(&path) } else { bank };
         let unknown_rate_arcsec_per_s = unknown_rate_arcsec_per_s(measured, nominal, contains_noise);
-        let catalogue = catalogue.without_zones_up_to(unknown_rate_arcsec_per_s);
-        let formulas = LazyCell::new(|| {
-            let formulas = catalogue.formulas(measured, nominal);
-            if contains_noise { formulas.without_small_motions(&path) } else { formulas }
-        });
+        let catalogue = evident(whole.clone()).without_zones_up_to(unknown_rate_arcsec_per_s);
+        let formulas = LazyCell::new(|| evident(catalogue.formulas(measured, nominal)));
         let all = LazyCell::new(|| catalogue.and(&formulas));
         let key = key(measured, &path, &noise, contains_noise, options.seed);
         let thresholds = (options.known)(key).unwrap_or_else(|| {
@@ -122,6 +118,7 @@ impl<'a> Solution<'a> {
         let of_all = LazyCell::new(|| Searches::new(&case, &all, &thresholds));
         let is_stated =
             |own: &SelectedModel| is_noise(own, &thresholds) && !own.overfitted_gyros(nominal).contains(&true);
+        let score = |own: &SelectedModel| own.score(&case, &thresholds);
         let pass = |per_gyro: usize| {
             let effects = select_model(&of_catalogue, &start, per_gyro);
             if !effects.is_cut && is_noise(&effects, &thresholds) && !effects.is_doubtful(&case, &formulas, &thresholds)
@@ -132,23 +129,18 @@ impl<'a> Solution<'a> {
             let other = select_model(&of_all, &start, per_gyro);
             // A transient is as unlikely as a formula, and so is another effect at the same time.
             let is_of_time = other.state.held.iter().any(|held| held.hypothesis.amplitude.is_formula_of_time());
-            let is_fewer = other.state.held.len() < effects.state.held.len();
-            let is_as_likely = is_fewer || effects.has_transient() && !is_of_time;
+            let is_as_likely =
+                other.state.held.len() < effects.state.held.len() || effects.has_transient() && !is_of_time;
             let margin = if is_as_likely { 0.0 } else { FORMULA_MARGIN };
             // What ends unexplained replaces only effects that it excludes.
-            let margin = if is_stated(&other) || !is_stated(&effects) { margin } else { AMBIGUITY_CHI2 };
-            let is_better = other.requires_formula(&case)
-                && other.score(&case, &thresholds) + margin < effects.score(&case, &thresholds);
+            let margin = if is_stated(&other) || !is_stated(&effects) { margin } else { FOUR_SIGMA_CHI2 };
+            let is_better = other.requires_formula(&case) && score(&other) + margin < score(&effects);
             if is_better { other } else { effects }
         };
         // A second effect on one gyro is rare: a formula is tried first.
-        let mut selected = pass(1);
-        if selected.is_cut {
-            let several = pass(MAX_PER_GYRO);
-            if !is_stated(&selected) || several.score(&case, &thresholds) < selected.score(&case, &thresholds) {
-                selected = several;
-            }
-        }
+        let single = pass(1);
+        let is_better = |several: &SelectedModel| !is_stated(&single) || score(several) < score(&single);
+        let mut selected = single.is_cut.then(|| pass(MAX_PER_GYRO)).filter(is_better).unwrap_or(single);
         merge_gyros(&case, &mut selected);
         selected.cross_validate(&case);
         let needs_formulas = !selected.state.held.is_empty() || !is_noise(&selected, &thresholds);
