@@ -83,12 +83,13 @@ impl<R: Read> CsvTable<R> {
 
     /// The error of a header without the expected columns.
     pub fn without_columns(&self, expected: &str) -> TableError {
+        let columns = self.header.iter().collect::<Vec<_>>().join(", ");
         TableError::Field {
             name: self.name.clone(),
             line: 1,
             field: "header".to_owned(),
             expected: format!("the columns {expected}"),
-            got: excerpt(&self.header.iter().collect::<Vec<_>>().join(", ")).into_owned(),
+            got: if columns.is_empty() { "none".to_owned() } else { excerpt(&columns).into_owned() },
         }
     }
 

@@ -285,6 +285,7 @@ mod tests {
         let good = "1.0,0,0,0\n1.5,0,0,0\n2.0,0,0,0\n2.5,0,0,0\n";
         for (text, part) in [
             ("a,b\n1,2\n".to_owned(), "line 1: header: expected the columns t_s"),
+            (String::new(), "q_w, q_x, q_y, q_z, got none"),
             (format!("{header}{good}x,0,0,0\n"), "line 6: t_s: expected a number, got \"x\""),
             (format!("{header}{good}3.0,0,,0\n"), "line 6: rate_y_arcsec_s: expected a number"),
             (format!("{header}{good}3.0,0\n"), "line: 6"),
