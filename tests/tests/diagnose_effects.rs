@@ -170,6 +170,25 @@ fn a_product_with_the_time_is_no_trend_of_the_catalogue() {
     }
 }
 
+/// An effect of the catalogue explains as much but for 6 to 10 in chi2; two effects explain it; and a formula that excludes two effects leaves
+/// its gyro unexplained.
+#[test]
+#[ignore = "minutes; .ci/run has it"]
+fn a_product_of_the_motion_is_no_effect_of_the_catalogue() {
+    let fast = ReferenceKind::Quaternions { steps: 10, sigma_arcsec: 1.0 };
+    for (seed, motion, product, gyro, coefficient, verdict) in [
+        (11_138_023_273, MotionKind::RateTable, "rate_y*abs(rate_x)", Gyro::Zb, -1.1497e-7, Verdict::Explained),
+        (11_243_889_452, MotionKind::Survey, "rate_x*rate_z*abs(rate_z)", Gyro::Za, 4.1346e-10, Verdict::Explained),
+        (11_138_043_278, MotionKind::ClosedLoop, "rate_x*abs(rate_z)", Gyro::Zb, -8.0917e-4, Verdict::Unexplained),
+    ] {
+        let planted = PlantedEffect::new(&format!("product {product}"), &[gyro], &[("coefficient", coefficient)]);
+        let model = IndependentModel { motion, reference: fast, ..IndependentModel::new(seed, vec![planted]) };
+        let diagnosis = diagnosed(&model, as_recorded);
+        assert_eq!(diagnosis.verdict, verdict, "{seed}");
+        assert!(missing(&diagnosis).all(|entry| entry.code == "discovered"), "{seed}");
+    }
+}
+
 /// The likeliest onset is narrower than the grid: a step and the end of a pulse, found between two motions.
 #[test]
 #[ignore = "minutes; .ci/run has it"]
