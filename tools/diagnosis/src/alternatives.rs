@@ -249,11 +249,11 @@ fn in_place_of(
         let cosine = own.cosine(normal, &best.signature(bank, normal));
         let (hypothesis, family) = (best.hypothesis(bank), best.family(bank));
         let delta_chi2 = delta(fall - best.gain.chi2, penalties.found - (penalties.of)(family, &hypothesis));
-        let is_same = hypothesis.amplitude.constant() == held.amplitude.constant() && hypothesis.gyros == held.gyros;
+        let is_course = hypothesis.amplitude.constant() == held.amplitude.constant() && hypothesis.gyros == held.gyros;
         let reach_chi2 = match bank.bases[best.base].is_linear {
             true if has_shapes || hypothesis.parameters().len() > 1 => NEAR_CHI2,
             true => 0.0,
-            false if is_same => f64::INFINITY,
+            false if is_course => f64::INFINITY,
             false => NEAR_CHI2,
         };
         let is_similar = cosine * cosine >= MIN_SHARE;

@@ -20,8 +20,8 @@ use crate::whiteness::whiteness_statistic;
 use crate::whitening::NoiseModel;
 use geu_hypothesis::amplitude::AmplitudeRef;
 
-/// Margin by which a formula must be better than the catalogue, beside the penalty for the number of formulas: odds of e^2.5, twelve to
-/// one, that an effect is of the catalogue.
+/// Margin by which a formula must be better than the catalogue, beside its family's threshold: assumed odds of e^2.5, twelve to one, that
+/// an effect is of the catalogue.
 const FORMULA_MARGIN: f64 = 5.0;
 /// Maximum number of times that two hypotheses are added at once.
 const PAIR_ROUNDS: usize = 3;
@@ -132,7 +132,7 @@ impl<'a> Solution<'a> {
             let is_as_likely =
                 other.state.held.len() < effects.state.held.len() || effects.has_transient() && !is_of_time;
             let margin = if is_as_likely { 0.0 } else { FORMULA_MARGIN };
-            // What ends unexplained replaces only effects that it excludes.
+            // What would end unexplained needs odds of e⁸ against effects that do not.
             let margin = if is_stated(&other) || !is_stated(&effects) { margin } else { FOUR_SIGMA_CHI2 };
             let is_better = other.requires_formula(&case) && score(&other) + margin < score(&effects);
             if is_better { other } else { effects }
