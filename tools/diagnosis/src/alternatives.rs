@@ -238,10 +238,15 @@ fn in_place_of(
         !is_formula || formulas <= FORMULAS
     });
     let in_group = spots.iter().take_while(|spot| fall - spot.gain.chi2 < AMBIGUITY_CHI2).count();
-    spots.truncate(in_group.clamp(OPTIMISED, MAX_ALTERNATIVES));
+    let is_course = |spot: &Spot| {
+        let base = &bank.bases[spot.base];
+        !base.is_linear && base.amplitude == held.amplitude.constant() && spot.gyros == held.gyros
+    };
+    let (first, others) = spots.split_at(spots.len().min(in_group.clamp(OPTIMISED, MAX_ALTERNATIVES)));
+    let spots: Vec<&Spot> = first.iter().chain(others.iter().filter(|spot| is_course(spot))).collect();
     let parameters = held.parameters();
     let onset_s: Vec<f64> = parameters.iter().filter(|own| own.role == Role::Onset).map(|own| own.value).collect();
-    let alternative = |(place, spot): (usize, &Spot)| -> Option<Alternative> {
+    let alternative = |(place, spot): (usize, &&Spot)| -> Option<Alternative> {
         let mut best = Spot::fit(bank, normal, spot.base, spot.variation.clone(), spot.gyros).filter(is_possible)?;
         if place < OPTIMISED {
             best = spot.optimised(bank, normal, &onset_s, is_possible).unwrap_or(best);
@@ -249,11 +254,10 @@ fn in_place_of(
         let cosine = own.cosine(normal, &best.signature(bank, normal));
         let (hypothesis, family) = (best.hypothesis(bank), best.family(bank));
         let delta_chi2 = delta(fall - best.gain.chi2, penalties.found - (penalties.of)(family, &hypothesis));
-        let is_course = hypothesis.amplitude.constant() == held.amplitude.constant() && hypothesis.gyros == held.gyros;
         let reach_chi2 = match bank.bases[best.base].is_linear {
             true if has_shapes || hypothesis.parameters().len() > 1 => NEAR_CHI2,
             true => 0.0,
-            false if is_course => f64::INFINITY,
+            false if is_course(&best) => f64::INFINITY,
             false => NEAR_CHI2,
         };
         let is_similar = cosine * cosine >= MIN_SHARE;

@@ -3,42 +3,169 @@
 //! A search has another residual than the one before, and other hypotheses, but mostly the same noise. Products with these need no
 //! whitened signature: the transposed filter makes of each a factor for every increment of the signature.
 
+use std::cmp::Reverse;
+use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use nalgebra::DVector;
 
+use crate::course_list::CourseList;
 use crate::courses::Mode;
 use crate::linear_algebra::dot;
 use crate::measured::CHANNELS;
-use crate::normal_equations::{NormalEquations, Products, ProjectedSignature};
-use crate::signature_bank::ConstantSignature;
+use crate::normal_equations::{NormalEquations, ProjectedSignature};
+use crate::signature_bank::{ConstantSignature, SignatureBank};
+use crate::whitening::{Forms, TailProducts};
+use geu_hypothesis::amplitude::STEP;
 
 /// Noises of which products are kept: that of the start, that with larger walks, and that of the report.
 const KEPT: usize = 3;
 
-/// Products of the courses of one signature with one noise, in the order of a sweep.
-#[derive(Debug, Default)]
+/// Courses that are whitened at once.
+const LANES: usize = 8;
+
+/// Products of the courses of one signature with one noise.
+#[derive(Debug)]
 pub struct CourseProducts {
-    /// For each channel, of each course: its square, and its products with the nuisances of the recording on this channel.
-    courses: [Vec<f64>; CHANNELS],
+    /// For each channel that the signature reaches, and each course: its square, and its products with the nuisances of the recording there.
+    courses: [Vec<Vec<f64>>; CHANNELS],
     /// Products of two courses on each channel.
     both: Vec<[f64; CHANNELS]>,
 }
 
 impl CourseProducts {
-    /// Adds the products of the next course on a channel.
-    pub fn push(&mut self, channel: usize, normal: &NormalEquations, products: Option<&Products>) {
-        let own = &mut self.courses[channel];
-        own.push(products.map_or(0.0, |products| products.own));
-        let of_recording = normal.of_recording();
-        let columns = normal.columns(channel).take_while(|(place, _)| *place < of_recording);
-        own.extend(columns.map(|(place, _)| products.map_or(0.0, |products| products.nuisances[place])));
+    /// Products of the kept courses of a list.
+    pub fn new(bank: &SignatureBank, base: &ConstantSignature, list: &CourseList, normal: &NormalEquations) -> Self {
+        let reached: Vec<usize> = (0..CHANNELS).filter(|&channel| base.reaches(channel)).collect();
+        let mut products = CourseProducts { courses: Default::default(), both: Vec::new() };
+        reached.iter().for_each(|&channel| products.courses[channel] = vec![Vec::new(); list.courses.len()]);
+        let forms: Option<Vec<&Forms>> = reached.iter().map(|&channel| normal.whitening(channel).forms()).collect();
+        let both = products.whiten(bank, base, list, normal, &list.whitened(LANES, forms.is_some()));
+        for (&channel, forms) in reached.iter().zip(forms.into_iter().flatten()) {
+            products.tails(bank, base, list, normal, channel, forms);
+        }
+        products.both = both;
+        products
     }
 
-    /// Adds the products of the next two courses.
-    pub fn push_both(&mut self, both: [f64; CHANNELS]) {
-        self.both.push(both);
+    /// Whitens these courses; returns the products of each pair.
+    fn whiten(
+        &mut self,
+        bank: &SignatureBank,
+        base: &ConstantSignature,
+        list: &CourseList,
+        normal: &NormalEquations,
+        groups: &[Vec<usize>],
+    ) -> Vec<[f64; CHANNELS]> {
+        let reached: Vec<usize> = (0..CHANNELS).filter(|&channel| base.reaches(channel)).collect();
+        let factors = |channel: usize| {
+            let of_recording = normal.transposed()[channel].1.iter().filter(|own| own.0 < normal.of_recording());
+            of_recording.map(|(_, derivatives)| factors(&base.series[channel], base.mode, derivatives)).collect()
+        };
+        let factors: Vec<Vec<Vec<f64>>> = reached.iter().map(|&channel| factors(channel)).collect();
+        let mut with_next = vec![[0.0; CHANNELS]; list.courses.len()];
+        // Whitened steps, from their first blocks on.
+        let mut steps: Vec<[Vec<f64>; CHANNELS]> = vec![Default::default(); list.courses.len()];
+        let is_step = |place: usize| list.courses[place].kind() == Some(STEP);
+        for group in groups {
+            let firsts: Vec<usize> = group.iter().map(|place| list.courses[*place].first_block()).collect();
+            let from = firsts.iter().copied().min().unwrap_or(0);
+            let mut values = vec![[0.0; LANES]; bank.block_count() - from];
+            for (lane, place) in group.iter().enumerate() {
+                let own = values[firsts[lane] - from..].iter_mut().map(|values| &mut values[lane]);
+                match bank.values(base, &list.courses[*place]) {
+                    Some(course) => own.zip(course.iter()).for_each(|(own, value)| *own = *value),
+                    None => own.for_each(|own| *own = 1.0),
+                }
+            }
+            for (&channel, factors) in reached.iter().zip(&factors) {
+                let mut before = [0.0; LANES];
+                let increments = |block: usize| {
+                    let (size, falls) = of_value(&base.series[channel], base.mode, block);
+                    let own = values[block - from].map(|value| size * value);
+                    let before = std::mem::replace(&mut before, own);
+                    std::array::from_fn(|lane| own[lane] - falls * before[lane])
+                };
+                let (mut squares, mut mixed) = ([0.0; LANES], [0.0; LANES / 2]);
+                let mut white_steps: Vec<Vec<f64>> = vec![Vec::new(); group.len()];
+                let keeps = is_step(group[0]);
+                normal.whitening(channel).pass(from..bank.block_count(), increments, |block, white: [f64; LANES]| {
+                    squares.iter_mut().zip(white).for_each(|(square, white)| *square += white * white);
+                    let two = white.chunks_exact(2);
+                    mixed.iter_mut().zip(two).for_each(|(mixed, two)| *mixed += two[0] * two[1]);
+                    if keeps {
+                        let lanes = white_steps.iter_mut().zip(&firsts).zip(white);
+                        let begun = lanes.filter(|((_, first), _)| block >= **first);
+                        begun.for_each(|((step, _), white)| step.push(white));
+                    }
+                });
+                let sums: Vec<[f64; LANES]> = factors.iter().map(|own| products_with(&own[from..], &values)).collect();
+                for (lane, &place) in group.iter().enumerate() {
+                    let nuisances = sums.iter().map(|sums| sums[lane]);
+                    self.courses[channel][place] = std::iter::once(squares[lane]).chain(nuisances).collect();
+                    with_next[place][channel] = if lane % 2 == 0 { mixed[lane / 2] } else { 0.0 };
+                    steps[place][channel] = std::mem::take(&mut white_steps[lane]);
+                }
+            }
+        }
+        let both = |[one, other]: [usize; 2]| match is_step(one) {
+            false => with_next[one],
+            true => std::array::from_fn(|channel| {
+                let [one, other] = [one, other].map(|place| &steps[place][channel]);
+                dot(&one[one.len() - other.len()..], other)
+            }),
+        };
+        list.pairs().map(both).collect()
     }
+
+    /// Adds the courses on a channel that decay to the end and are not whitened.
+    fn tails(
+        &mut self,
+        bank: &SignatureBank,
+        base: &ConstantSignature,
+        list: &CourseList,
+        normal: &NormalEquations,
+        channel: usize,
+        forms: &Forms,
+    ) {
+        let last = bank.block_count() - 1;
+        let tail = |place: usize| {
+            let (decay, block) = list.courses[place].tail().filter(|_| list.is_kept(place))?;
+            Some((decay, Reverse(block.min(last)), place))
+        };
+        let mut tails: Vec<(u64, Reverse<usize>, usize)> = (0..list.courses.len()).filter_map(tail).collect();
+        tails.retain(|(.., place)| self.courses[channel][*place].is_empty());
+        let decays: Vec<u64> = tails.iter().map(|tail| tail.0).collect::<BTreeSet<_>>().into_iter().collect();
+        let of_recording = normal.transposed()[channel].1.iter().filter(|own| own.0 < normal.of_recording());
+        let derivatives: Vec<&[f64]> = of_recording.map(|(_, derivatives)| &derivatives[..]).collect();
+        let increment = |block: usize| of_value(&base.series[channel], base.mode, block);
+        for decays in decays.chunks(LANES) {
+            let lane = |decay: u64| decays.iter().position(|own| *own == decay);
+            let mut tails: Vec<_> =
+                tails.iter().filter_map(|(decay, block, place)| Some((*block, lane(*decay)?, *place))).collect();
+            tails.sort_unstable();
+            let mut tails = tails.into_iter().peekable();
+            let of_lanes = std::array::from_fn(|lane| decays.get(lane).map_or(1.0, |decay| f64::from_bits(*decay)));
+            normal.whitening(channel).tails::<LANES, _>(forms, &increment, of_lanes, &derivatives, |block, tail| {
+                while let Some((_, lane, place)) = tails.next_if(|tail| tail.0.0 == block) {
+                    let (course, values) = (&list.courses[place], bank.values(base, &list.courses[place]));
+                    let values = values.as_deref().unwrap_or_default();
+                    let TailProducts { square, products } =
+                        tail.course(lane, block, &values[..=block - course.first_block()]);
+                    self.courses[channel][place] = std::iter::once(square).chain(products).collect();
+                }
+            });
+        }
+    }
+}
+
+/// Sums of the factors times the values of each course.
+fn products_with(factors: &[f64], values: &[[f64; LANES]]) -> [f64; LANES] {
+    let mut sums = [0.0; LANES];
+    for (factor, values) in factors.iter().zip(values) {
+        sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += factor * value);
+    }
+    sums
 }
 
 /// Key of a noise and products with it.
@@ -49,20 +176,20 @@ type NoiseProducts = (u64, Arc<CourseProducts>);
 pub struct ProductCache(Arc<Mutex<Vec<NoiseProducts>>>);
 
 impl ProductCache {
-    /// Products with the noise of these equations.
-    pub fn with_noise(&self, normal: &NormalEquations) -> Option<Arc<CourseProducts>> {
-        let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        kept.iter().find(|(key, _)| *key == normal.key()).map(|(_, products)| products.clone())
-    }
-
-    /// Keeps products, in place of the oldest.
-    pub fn keep(&self, normal: &NormalEquations, products: CourseProducts) {
-        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        kept.retain(|(key, _)| *key != normal.key());
-        if kept.len() >= KEPT {
-            kept.remove(0);
-        }
-        kept.push((normal.key(), Arc::new(products)));
+    /// Products with the noise of these equations, in place of the oldest if they are `new`.
+    pub fn with_noise(&self, normal: &NormalEquations, new: impl FnOnce() -> CourseProducts) -> Arc<CourseProducts> {
+        let kept = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = kept().iter().find(|(key, _)| *key == normal.key()).map(|(_, products)| products.clone());
+        known.unwrap_or_else(|| {
+            let products = Arc::new(new());
+            let mut kept = kept();
+            kept.retain(|(key, _)| *key != normal.key());
+            if kept.len() >= KEPT {
+                kept.remove(0);
+            }
+            kept.push((normal.key(), products.clone()));
+            products
+        })
     }
 }
 
@@ -77,8 +204,6 @@ pub struct KeptProducts {
 struct KeptChannel {
     /// Places of the nuisances of the recording on this channel.
     places: Vec<usize>,
-    /// Place in the kept products.
-    next: usize,
     /// Factor of each block's value of a time course, for the product with the residual.
     residual: Vec<f64>,
     /// Factors for the products with the other nuisances, with their places.
@@ -96,15 +221,15 @@ impl KeptProducts {
         let transposed = normal.transposed();
         let channel = |channel: usize| {
             let series = &base.series[channel];
-            if !has[channel] || series.iter().all(|&value| value == 0.0) {
+            if !has[channel] || !base.reaches(channel) {
                 return None;
             }
             let factors = |derivatives: &Vec<f64>| factors(series, base.mode, derivatives);
-            let (residual, others) = &transposed[channel];
-            let of_recording = normal.columns(channel).map(|(place, _)| place);
+            let (residual, nuisances) = &transposed[channel];
+            let (of_recording, others) =
+                nuisances.split_at(nuisances.partition_point(|(place, _)| *place < normal.of_recording()));
             Some(KeptChannel {
-                places: of_recording.take_while(|place| *place < normal.of_recording()).collect(),
-                next: 0,
+                places: of_recording.iter().map(|(place, _)| *place).collect(),
                 residual: factors(residual),
                 others: others.iter().map(|(place, derivatives)| (*place, factors(derivatives))).collect(),
             })
@@ -112,10 +237,11 @@ impl KeptProducts {
         KeptProducts { products, channels: std::array::from_fn(channel), both: 0 }
     }
 
-    /// The next course, with these values from its first block on, or constant.
+    /// The course at a place of the list, with these values from its first block on, or constant.
     pub fn course(
-        &mut self,
+        &self,
         normal: &NormalEquations,
+        place: usize,
         from: usize,
         values: Option<&[f64]>,
     ) -> [Option<ProjectedSignature>; CHANNELS] {
@@ -124,10 +250,11 @@ impl KeptProducts {
             None => factors.iter().sum(),
         };
         std::array::from_fn(|channel| {
-            let own = self.channels[channel].as_mut()?;
-            let kept = &self.products.courses[channel][own.next..own.next + 1 + own.places.len()];
-            own.next += kept.len();
-            let (square, kept) = kept.split_first().filter(|(square, _)| **square > 0.0)?;
+            let own = self.channels[channel].as_ref()?;
+            let (square, kept) = self.products.courses[channel][place].split_first()?;
+            if *square <= 0.0 {
+                return None;
+            }
             let mut sums = DVector::zeros(normal.nuisances());
             own.places.iter().zip(kept).for_each(|(place, product)| sums[*place] = *product);
             own.others.iter().for_each(|(place, factors)| sums[*place] = product(factors));

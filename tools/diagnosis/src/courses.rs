@@ -119,6 +119,11 @@ impl Variation {
         onset_s.map(|_| self.shape(Role::TimeConstant).map_or(1.0, |constant_s| (-BLOCK_S / constant_s).exp()))
     }
 
+    /// Bits of that ratio and the block from which it holds: the mean over the two before may include its onset.
+    pub fn tail(&self) -> Option<(u64, usize)> {
+        Some((self.decay()?.to_bits(), self.first_block() + 2))
+    }
+
     /// The wave with another phase; `None` if it is not a wave. It is the wave of phase 0 times the cosine of the phase plus the wave a
     /// quarter period later times the sine.
     pub fn at_phase(&self, phase_rad: f64) -> Option<Variation> {

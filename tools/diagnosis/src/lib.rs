@@ -3,13 +3,14 @@
 //! A module uses only those named before it:
 //! - the data: `time_origin`, `measured`, `residual_stats`, `motion_segments`;
 //! - signatures: `courses`, `signature_bank`, `small_motions`, `shape_search`;
-//! - statistics: `significance`, `linear_algebra`, `rounding`, `whitening`, `normal_equations`, `course_products`, `sweep`, `signature`, `linear_signatures`, `spots`, `recent`, `calibration_signatures`, `fitted_hypothesis`, `model_state`, `diagnosis_case` (a fit), `noise`, `whiteness`, `search`, `null_products`, `null_distribution`, `temperature_lag`;
+//! - statistics: `significance`, `linear_algebra`, `rounding`, `whitening`, `normal_equations`, `course_list`, `course_products`, `sweep`, `signature`, `linear_signatures`, `spots`, `recent`, `calibration_signatures`, `fitted_hypothesis`, `model_state`, `diagnosis_case` (a fit), `noise`, `whiteness`, `search`, `null_products`, `null_distribution`, `temperature_lag`;
 //! - the selection of hypotheses: `model_selection`, `solution`;
 //! - the report: `residual_map`, `alternatives`, `next_manoeuvre`, `outcome` (types only), `discriminating_test`, `entries`, `cross_validation`, `shares`, `unexplained`;
 //! - the whole: `diagnosis`, `report`.
 
 pub mod alternatives;
 mod calibration_signatures;
+mod course_list;
 mod course_products;
 mod courses;
 mod cross_validation;

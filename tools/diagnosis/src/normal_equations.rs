@@ -58,8 +58,8 @@ pub struct NormalEquations {
     key: OnceLock<u64>,
 }
 
-/// Derivatives of products with a whitened series by the increments of that series: for the residual, and for nuisances of hypotheses,
-/// with their places.
+/// Derivatives of products with a whitened series by the increments of that series: for the residual, and for the nuisances, with their
+/// places.
 pub type Transposed = (Vec<f64>, Vec<(usize, Vec<f64>)>);
 
 impl NormalEquations {
@@ -130,13 +130,12 @@ impl NormalEquations {
         })
     }
 
-    /// Residual and nuisances of hypotheses through the transposed filters.
+    /// Residual and nuisances through the transposed filters.
     pub fn transposed(&self) -> &[Transposed; CHANNELS] {
         let of_channel = |channel: usize| {
             let transposed = |white: &[f64]| self.derivatives(channel, white);
-            let others = self.columns(channel).filter(|(place, _)| *place >= self.of_recording());
-            let others = others.map(|(place, column)| (place, transposed(column))).collect();
-            (transposed(&self.residual[channel]), others)
+            let nuisances = self.columns(channel).map(|(place, column)| (place, transposed(column)));
+            (transposed(&self.residual[channel]), nuisances.collect())
         };
         self.transposed.get_or_init(|| std::array::from_fn(of_channel))
     }
@@ -144,6 +143,11 @@ impl NormalEquations {
     /// Derivatives of the product of a whitened series and a signature by the increments of the signature.
     pub fn derivatives(&self, channel: usize, white: &[f64]) -> Vec<f64> {
         self.whitenings[channel].transposed(white)
+    }
+
+    /// The filter of a channel.
+    pub fn whitening(&self, channel: usize) -> &Whitening {
+        &self.whitenings[channel]
     }
 
     /// Whitened signatures of the nuisances on a channel, with their places.

@@ -22,7 +22,7 @@ use crate::null_products::{NullChannel, NullProducts, OfRuns, RUNS, null_channel
 use crate::residual_stats::squares_of_blocks;
 use crate::search::{set_penalty, sets};
 use crate::signature::reaches;
-use crate::signature_bank::{HypothesisFamily, SignatureBank, Variation};
+use crate::signature_bank::{Column, HypothesisFamily, SignatureBank, Variation};
 use crate::significance::{FOUR_SIGMA_CHI2, FOUR_SIGMAS, THREE_SIGMAS};
 use crate::sweep::{Swept, sweep};
 use crate::whiteness::{kurtosis, whiteness_statistic};
@@ -194,7 +194,8 @@ fn of_base(
             }
         }
     };
-    let products = |channel: usize, variation: &_, white: &_| recordings.products(channel, variation, white);
+    let products =
+        |channel: usize, variation: &Variation, white: Option<&Column>| recordings.products(channel, variation, white);
     sweep(bank, normal, base, [true; CHANNELS], products, push);
     largest
 }

@@ -60,10 +60,9 @@ impl<'a> NullProducts<'a> {
     ) -> NullProducts<'a> {
         let mut products = NullProducts { bank, base, channels, tails: Default::default() };
         let variations = bank.variations(base);
-        let mut tails: Vec<(u64, usize)> = variations.iter().filter_map(tail).collect();
+        let mut tails: Vec<(u64, usize)> = variations.iter().filter_map(Variation::tail).collect();
         tails.sort_by_key(|(decay, from)| (*decay, Reverse(*from)));
-        let is_reached = |channel: &usize| base.series[*channel].iter().any(|&value| value != 0.0);
-        for channel in (0..CHANNELS).filter(is_reached) {
+        for channel in (0..CHANNELS).filter(|&channel| base.reaches(channel)) {
             for same in tails.chunk_by(|one, other| one.0 == other.0) {
                 let (mut done, mut sums) = (bank.block_count(), [0.0; RUNS]);
                 for &(decay, from) in same {
@@ -78,10 +77,10 @@ impl<'a> NullProducts<'a> {
         products
     }
 
-    /// Products of a time course, whitened on a channel.
-    pub fn products(&self, channel: usize, variation: &Variation, white: &Column) -> OfRuns {
-        let from = white.from;
-        if let (Some(key), Some(values)) = (tail(variation), self.bank.values(self.base, variation)) {
+    /// Products of a time course on a channel, `white` where it is whitened.
+    pub fn products(&self, channel: usize, variation: &Variation, white: Option<&Column>) -> OfRuns {
+        let (from, values) = (variation.first_block(), self.bank.values(self.base, variation));
+        if let (Some(key), Some(values)) = (variation.tail(), &values) {
             let (first, last) = values.split_at(values.len().min(key.1 - from));
             let size = last.first().map_or(0.0, |size| *size as f32);
             let mut sums = self.tails[channel][&key];
@@ -89,7 +88,15 @@ impl<'a> NullProducts<'a> {
             first.iter().zip(from..).for_each(|(value, block)| self.add(channel, block, *value, 1.0, &mut sums));
             return sums;
         }
-        product(&white.values, &self.channels[channel].white[from..])
+        if let Some(white) = white {
+            return product(&white.values, &self.channels[channel].white[white.from..]);
+        }
+        let mut sums = [0.0; RUNS];
+        for block in from..self.bank.block_count() {
+            let value = values.as_ref().map_or(1.0, |values| values[block - from]);
+            self.add(channel, block, value, 1.0, &mut sums);
+        }
+        sums
     }
 
     /// Adds the products of a course with this value in one block, to sums of later blocks times `decay`.
@@ -102,11 +109,6 @@ impl<'a> NullProducts<'a> {
             *sum = decay * *sum + size * (own - falls * next);
         }
     }
-}
-
-/// Bits of the decay of a course and the block from which it decays: the mean over the two before may include its onset.
-fn tail(variation: &Variation) -> Option<(u64, usize)> {
-    Some((variation.decay()?.to_bits(), variation.first_block() + 2))
 }
 
 /// Sums of the values times the values of each recording.
@@ -174,13 +176,14 @@ mod tests {
         let mut compared = [0, 0];
         for base in bank.bases.iter().filter(|base| base.is_linear) {
             let products = NullProducts::new(&bank, base, &channels);
-            for variation in bank.variations(base).iter().filter(|variation| tail(variation).is_some()) {
+            let is_kept = |own: &&Variation| own.is_of_time() && !matches!(own, Variation::Onset { .. });
+            for variation in bank.variations(base).iter().filter(is_kept) {
                 for (channel, column) in bank.columns(base, variation).into_iter().enumerate() {
                     let Some(Column { from, values }) = column else { continue };
                     let values = case.whitenings(&noise)[channel].apply_from(from, &values);
                     let expected = product(&values, &channels[channel].white[from..]);
                     let size = values.iter().map(|value| value * value).sum::<f64>().sqrt() as f32 * 504.0;
-                    let found = products.products(channel, variation, &Column { from, values });
+                    let found = products.products(channel, variation, None);
                     // Rounding of f32 sums over 360 blocks; a block more or less would change them by one in twenty.
                     let is_equal = |(one, other): (&f32, &f32)| (one - other).abs() <= 1e-3 * size;
                     assert!(found.iter().zip(&expected).all(is_equal), "{:?} {variation:?}", base.amplitude);

@@ -6,7 +6,6 @@ use geu_model::time_profile::COURSES;
 use crate::courses::shortest_s;
 use crate::measured::BLOCK_S;
 use crate::signature_bank::Variation;
-use geu_hypothesis::amplitude::STEP;
 
 /// Number of halvings of the steps.
 const HALVINGS: usize = 5;
@@ -22,12 +21,12 @@ const TIME_CONSTANT_SHARE: f64 = 0.3;
 const PHASE_RAD: f64 = 0.3;
 
 /// Local maximum of `of` near a variation, and its value. A variation without shape parameters stays; of an immediate effect the blocks
-/// beside its own are tried, which the grid leaves out. If the maximum is narrower than the grid, the likeliest of all steps at this spacing
-/// is a second start. For a course that settles, each of `onsets_s` is a further one.
+/// beside its own are tried, which the grid leaves out. Courses that begin or end at each of `onsets_s` are further starts. The maximum may
+/// be narrower than the grid.
 pub fn maximise(
     start: Variation,
     duration_s: f64,
-    spacing_s: Option<f64>,
+    is_narrow: bool,
     onsets_s: &[f64],
     of: &dyn Fn(&Variation) -> f64,
 ) -> (Variation, f64) {
@@ -40,12 +39,10 @@ pub fn maximise(
         return (best, value);
     }
     let Variation::Course { kind, shapes } = start else { return (start, value) };
-    let course = Course { kind, duration_s, spacing_s, of };
-    let from_step = course.at_likeliest_step(&shapes);
-    let onsets_s = if course.place(Role::TimeConstant).is_some() { onsets_s } else { &[] };
+    let course = Course { kind, duration_s, is_narrow, of };
     let from_onsets: Vec<Valued> =
         onsets_s.iter().filter_map(|own| course.at_likeliest_length(&shapes, *own)).collect();
-    let starts = std::iter::once((value, shapes)).chain(from_step).chain(from_onsets);
+    let starts = std::iter::once((value, shapes)).chain(from_onsets);
     let best = starts.map(|start| course.ascend(start)).reduce(|best, own| if own.0 > best.0 { own } else { best });
     let (value, shapes) = best.expect("the start itself");
     (Variation::Course { kind, shapes }, value)
@@ -55,7 +52,7 @@ pub fn maximise(
 struct Course<'a> {
     kind: usize,
     duration_s: f64,
-    spacing_s: Option<f64>,
+    is_narrow: bool,
     of: &'a dyn Fn(&Variation) -> f64,
 }
 
@@ -69,18 +66,6 @@ impl Course<'_> {
 
     fn valued(&self, shapes: Vec<f64>) -> Valued {
         ((self.of)(&Variation::Course { kind: self.kind, shapes: shapes.clone() }), shapes)
-    }
-
-    /// The best course that begins or ends with the likeliest step, with the other shapes of `start`; `None` if it has no onset, or if
-    /// the grid is fine enough.
-    fn at_likeliest_step(&self, start: &[f64]) -> Option<Valued> {
-        let spacing_s = self.spacing_s?;
-        self.place(Role::Onset)?;
-        let step = Course { kind: STEP, ..*self };
-        let onsets = (1..(self.duration_s / spacing_s) as usize).map(|place| place as f64 * spacing_s);
-        let of_step = onsets.map(|onset_s| step.valued(vec![onset_s]));
-        let (_, likeliest) = of_step.reduce(|best, own| if own.0 > best.0 { own } else { best })?;
-        self.at_likeliest_length(start, likeliest[0])
     }
 
     /// The best course that begins or ends then, with the other shapes of `start`; `None` if it has no onset.
@@ -116,7 +101,7 @@ impl Course<'_> {
         let numbers = COURSES[self.kind].shapes.iter().zip(shapes);
         let alone = numbers.enumerate().map(|(index, number)| vec![(index, step(number))]);
         let ends = self.place(Role::Onset).zip(self.place(Role::Duration));
-        let ends = ends.filter(|&(onset, _)| self.spacing_s.is_some() && shapes[onset] != 0.0);
+        let ends = ends.filter(|&(onset, _)| self.is_narrow && shapes[onset] != 0.0);
         alone.chain(ends.map(|(onset, duration)| vec![(onset, onset_s), (duration, -onset_s)])).collect()
     }
 
@@ -177,7 +162,7 @@ mod tests {
             _ => f64::NAN,
         };
         let (Variation::Course { shapes, .. }, value) =
-            maximise(Variation::Course { kind, shapes: vec![5400.0, 0.0] }, 10_800.0, None, &[], &of)
+            maximise(Variation::Course { kind, shapes: vec![5400.0, 0.0] }, 10_800.0, false, &[], &of)
         else {
             panic!("a course stays one");
         };
@@ -185,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pulse_narrower_than_the_grid_is_found_by_its_step() {
+    fn a_pulse_narrower_than_the_grid_is_found_from_its_end() {
         let mut courses = COURSES.iter();
         let kind = courses.position(|kind| kind.shapes.iter().any(|shape| shape.role == Role::Duration));
         let kind = kind.expect("a pulse");
@@ -199,8 +184,8 @@ mod tests {
             _ => f64::NAN,
         };
         let start = || Variation::Course { kind, shapes: vec![3600.0, 2700.0] };
-        assert_eq!(maximise(start(), duration_s, None, &[], &of).1, 0.0);
-        assert!(maximise(start(), duration_s, Some(10.0), &[], &of).1 > 0.9);
+        assert_eq!(maximise(start(), duration_s, false, &[], &of).1, 0.0);
+        assert!(maximise(start(), duration_s, true, &[4560.0], &of).1 > 0.9);
     }
 
     #[test]
@@ -218,8 +203,8 @@ mod tests {
             _ => f64::NAN,
         };
         let start = || Variation::Course { kind, shapes: vec![3450.0, 5400.0] };
-        assert!(maximise(start(), 10_800.0, None, &[], &of).1 < 1.1);
-        assert!(maximise(start(), 10_800.0, None, &[5190.0], &of).1 > 1.9);
+        assert!(maximise(start(), 10_800.0, false, &[], &of).1 < 1.1);
+        assert!(maximise(start(), 10_800.0, false, &[5190.0], &of).1 > 1.9);
     }
 
     #[test]
@@ -230,19 +215,16 @@ mod tests {
         };
         for (start, expected) in [(0, 1), (2, 1), (1, 1), (5, 4)] {
             assert_eq!(
-                maximise(Variation::Onset { block: start }, 100.0, Some(10.0), &[], &of).0,
+                maximise(Variation::Onset { block: start }, 100.0, true, &[], &of).0,
                 Variation::Onset { block: expected }
             );
         }
         // Neither before the start nor after the end.
         let later = |variation: &Variation| -of(variation);
         assert_eq!(
-            maximise(Variation::Onset { block: 19 }, 100.0, Some(10.0), &[], &later).0,
+            maximise(Variation::Onset { block: 19 }, 100.0, true, &[], &later).0,
             Variation::Onset { block: 19 }
         );
-        assert_eq!(
-            maximise(Variation::Onset { block: 0 }, 100.0, Some(10.0), &[], &later).0,
-            Variation::Onset { block: 0 }
-        );
+        assert_eq!(maximise(Variation::Onset { block: 0 }, 100.0, true, &[], &later).0, Variation::Onset { block: 0 });
     }
 }

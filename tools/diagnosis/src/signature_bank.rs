@@ -69,6 +69,11 @@ pub struct ConstantSignature {
 }
 
 impl ConstantSignature {
+    /// True if it acts on a channel.
+    pub fn reaches(&self, channel: usize) -> bool {
+        self.series[channel].iter().any(|&value| value != 0.0)
+    }
+
     /// True if its signature is that of another value.
     pub fn is_valid_at(&self, size: f64) -> bool {
         self.is_linear || self.valid.contains(&(size / self.size))
@@ -254,8 +259,7 @@ impl SignatureBank {
         let values = self.courses.values(base.mode, variation, from..to);
         std::array::from_fn(|channel| {
             let series = &base.series[channel];
-            let is_reached = series.iter().any(|&value| value != 0.0);
-            is_reached.then(|| Column { from, values: put(series, base.mode, values.as_deref(), from..to) })
+            base.reaches(channel).then(|| Column { from, values: put(series, base.mode, values.as_deref(), from..to) })
         })
     }
 

@@ -2,12 +2,14 @@
 
 use std::borrow::Cow;
 
+use geu_model::parameter_spec::Role;
 use geu_model::time_profile::COURSES;
 
+use crate::course_products::of_value;
 use crate::courses::is_onset;
 use crate::measured::{BLOCK_S, CHANNELS, TIMING};
 use crate::model_state::ModelState;
-use crate::normal_equations::{NormalEquations, Nuisance, SignatureFit};
+use crate::normal_equations::{NormalEquations, Nuisance, Products, SignatureFit};
 use crate::shape_search::maximise;
 use crate::signature::{Signature, reaches};
 use crate::signature_bank::{Column, ConstantSignature, HypothesisFamily, SignatureBank, Variation};
@@ -78,9 +80,12 @@ impl Spot {
         }
         let constant = |gyro: usize| base.configured[gyro] + state.constant(&base.amplitude, gyro);
         let constant = (0..TIMING).filter(|&gyro| self.gyros[gyro]).map(constant).fold(f64::INFINITY, f64::min);
-        // A wave reaches both of its extremes.
-        let is_wave = self.variation.at_phase(0.0).is_some();
-        let values = if is_wave { Some(Cow::Borrowed(&[-1.0, 1.0][..])) } else { bank.values(base, &self.variation) };
+        // A wave reaches both of its extremes, and what begins then is 0 before and at most 1.
+        let values = match &self.variation {
+            own if own.at_phase(0.0).is_some() => Some(Cow::Borrowed(&[-1.0, 1.0][..])),
+            own if own.shape(Role::Onset).is_some() => Some(Cow::Borrowed(&[0.0, 1.0][..])),
+            own => bank.values(base, own),
+        };
         let smallest = match values {
             None => size,
             Some(values) => values.iter().map(|value| size * value).fold(f64::INFINITY, f64::min),
@@ -141,10 +146,70 @@ impl Spot {
         let at = |variation: &Variation| {
             Spot::fit(bank, normal, self.base, variation.clone(), self.gyros).filter(&is_possible)
         };
-        let spacing_s = bank.step_spacing_s(self.base(bank).mode);
+        let spacing_s =
+            bank.step_spacing_s(self.base(bank).mode).filter(|_| self.variation.shape(Role::Onset).is_some());
+        let likeliest_s = spacing_s.and_then(|spacing_s| self.likeliest_step_s(bank, normal, spacing_s, &is_possible));
+        let settles = self.variation.shape(Role::TimeConstant).is_some();
+        let onsets_s: Vec<f64> = likeliest_s.into_iter().chain(onsets_s.iter().copied().filter(|_| settles)).collect();
         let chi2 = |variation: &Variation| at(variation).map_or(0.0, |spot| spot.gain.chi2);
-        let (variation, _) = maximise(self.variation.clone(), duration_s, spacing_s, onsets_s, &chi2);
+        let (variation, _) = maximise(self.variation.clone(), duration_s, spacing_s.is_some(), &onsets_s, &chi2);
         at(&variation).filter(|spot| spot.hypothesis(bank).is_within_limits())
+    }
+
+    /// Onset of the likeliest possible step of the same amplitude and gyros, among those at this spacing.
+    fn likeliest_step_s(
+        &self,
+        bank: &SignatureBank,
+        normal: &NormalEquations,
+        spacing_s: f64,
+        is_possible: impl Fn(&Spot) -> bool,
+    ) -> Option<f64> {
+        let base = self.base(bank);
+        let at = |onset: usize| onset as f64 * spacing_s;
+        let count = (bank.block_count() as f64 * BLOCK_S / spacing_s) as usize;
+        let step = |onset: usize| Variation::Course { kind: STEP, shapes: vec![at(onset)] };
+        let channels =
+            (0..CHANNELS).filter(|&channel| base.reaches(channel) && reaches(&base.amplitude, &self.gyros, channel));
+        let forms: Option<Vec<_>> =
+            channels.map(|channel| Some((channel, normal.whitening(channel).forms()?))).collect();
+        let gains: Vec<(usize, SignatureFit)> = match forms {
+            Some(forms) => {
+                let mut products = vec![Products::none(normal.nuisances()); count];
+                for (channel, forms) in forms {
+                    let (residual, nuisances) = &normal.transposed()[channel];
+                    let derivatives: Vec<&[f64]> = std::iter::once(residual)
+                        .chain(nuisances.iter().map(|own| &own.1))
+                        .map(|own| &own[..])
+                        .collect();
+                    let increment = |block: usize| of_value(&base.series[channel], base.mode, block);
+                    let mut onset = count;
+                    normal.whitening(channel).tails(forms, &increment, [1.0], &derivatives, |block, tail| {
+                        while onset > 1 && (at(onset - 1) / BLOCK_S) as usize == block {
+                            onset -= 1;
+                            let course = tail.course(0, block, &[1.0]);
+                            let own = &mut products[onset];
+                            own.own += course.square;
+                            own.residual += course.products[0];
+                            let parts = nuisances.iter().zip(&course.products[1..]);
+                            parts.for_each(|((place, _), product)| own.nuisances[*place] += product);
+                        }
+                    });
+                }
+                products
+                    .iter()
+                    .enumerate()
+                    .skip(1)
+                    .filter_map(|(onset, own)| Some((onset, normal.gain(own)?)))
+                    .collect()
+            }
+            None => {
+                let fit = |onset: usize| Spot::fit(bank, normal, self.base, step(onset), self.gyros);
+                (1..count).filter_map(|onset| Some((onset, fit(onset)?.gain))).collect()
+            }
+        };
+        let spot = |(onset, gain)| (at(onset), Spot { variation: step(onset), gain, ..self.clone() });
+        let possible = gains.into_iter().map(spot).filter(|(_, spot)| is_possible(spot));
+        possible.max_by(|one, other| one.1.gain.chi2.total_cmp(&other.1.gain.chi2)).map(|(onset_s, _)| onset_s)
     }
 }
 

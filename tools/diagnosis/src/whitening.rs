@@ -5,13 +5,17 @@
 //! After a restart of the sum the first block only initialises the angle.
 
 mod covariance;
+mod tails;
 
 use std::hash::Hasher;
+use std::ops::Range;
+use std::sync::OnceLock;
 
 use crate::measured::Block;
 use crate::rounding::BlockRounding;
 
 use covariance::{Covariance, OfState, SLOW, slow_decays};
+pub use tails::{Forms, Tail, TailProducts};
 
 /// Noise of one channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,6 +58,8 @@ pub struct Whitening {
     slow_gains: Vec<[f64; SLOW]>,
     /// Σ ln of the innovations' variances.
     pub log_determinant: f64,
+    /// For courses to the end of the recording.
+    forms: OnceLock<Option<Forms>>,
 }
 
 impl Whitening {
@@ -93,7 +99,7 @@ impl Whitening {
             Step { remainder, gains: [turn, gains.error], persistence, weight }
         };
         let steps = blocks.iter().enumerate().map(step).collect();
-        Whitening { steps, slow_gains, log_determinant }
+        Whitening { steps, slow_gains, log_determinant, forms: OnceLock::new() }
     }
 
     /// Innovations of a series, each over its deviation.
@@ -143,6 +149,47 @@ impl Whitening {
             }
         }
         white
+    }
+
+    /// Whitens several series at once, given by their increments in each of these blocks, and passes the innovations of each block to `push`.
+    pub fn pass<const LANES: usize>(
+        &self,
+        blocks: Range<usize>,
+        increments: impl FnMut(usize) -> [f64; LANES],
+        push: impl FnMut(usize, [f64; LANES]),
+    ) {
+        match self.slow_gains.is_empty() {
+            true => self.pass_with::<LANES, 0>(blocks, increments, push),
+            false => self.pass_with::<LANES, SLOW>(blocks, increments, push),
+        }
+    }
+
+    fn pass_with<const LANES: usize, const FLICKER: usize>(
+        &self,
+        blocks: Range<usize>,
+        mut increments: impl FnMut(usize) -> [f64; LANES],
+        mut push: impl FnMut(usize, [f64; LANES]),
+    ) {
+        // What the innovation before leaves in this one, less what is predicted; the turn by the rate, and the rounding error.
+        let [mut left, mut turn, mut error] = [[0.0; LANES]; 3];
+        let (mut slow_turns, decays) = ([[0.0; LANES]; FLICKER], slow_decays());
+        for block in blocks {
+            let (step, increments) = (&self.steps[block], increments(block));
+            let mut white = [0.0; LANES];
+            for lane in 0..LANES {
+                let innovation = increments[lane] + left[lane];
+                left[lane] = step.remainder * innovation - (turn[lane] + (step.persistence - 1.0) * error[lane]);
+                turn[lane] += step.gains[0] * innovation;
+                error[lane] = step.persistence * error[lane] + step.gains[1] * innovation;
+                for slow in 0..FLICKER {
+                    let turn = &mut slow_turns[slow][lane];
+                    left[lane] -= *turn;
+                    *turn = decays[slow] * *turn + self.slow_gains[block][slow] * innovation;
+                }
+                white[lane] = innovation * step.weight;
+            }
+            push(block, white);
+        }
     }
 
     /// Derivatives of the product of `white` with a whitened series by the increments of that series.
@@ -208,6 +255,84 @@ mod tests {
             let increments = std::iter::once(series[from]).chain(increments);
             let transposed: f64 = increments.zip(&derivatives[from..]).map(|(one, other)| one * other).sum();
             assert!((product - transposed).abs() < 1e-9 * product.abs().max(1.0), "{product} {transposed}");
+        }
+    }
+
+    #[test]
+    fn several_series_are_whitened_as_one() {
+        for flicker in [0.0, 5.0] {
+            let noise = NoiseModel { white: 1.0 / 120.0, angle_walk: 0.01, rate_walk: 8e-6, scale_walk: 0.0, flicker };
+            let blocks = vec![Block { is_good: true, is_compared: true, restarts: false }; 300];
+            let rounding =
+                BlockRounding { variance: 0.05, correlation: 0.7, second_difference: 0.1, ..BlockRounding::NONE };
+            let whitening = Whitening::new(&noise, &blocks, &vec![rounding; blocks.len()]);
+            let mut state = 3;
+            let series: [Vec<f64>; 3] = std::array::from_fn(|_| (0..300).map(|_| draw(&mut state)).collect());
+            let expected = series.each_ref().map(|own| whitening.apply_from(40, &own[40..]));
+            let increments =
+                |block: usize| series.each_ref().map(|own| own[block] - if block == 40 { 0.0 } else { own[block - 1] });
+            whitening.pass(40..300, increments, |block, white| {
+                for (white, expected) in white.iter().zip(&expected) {
+                    let expected = expected[block - 40];
+                    assert!((white - expected).abs() < 1e-9, "{flicker} {block}: {white} {expected}");
+                }
+            });
+        }
+    }
+
+    #[test]
+    fn tails_equal_whitened_courses() {
+        let noise = NoiseModel { white: 1.0 / 120.0, angle_walk: 0.01, rate_walk: 8e-6, scale_walk: 0.0, flicker: 0.0 };
+        let mut blocks = vec![Block { is_good: true, is_compared: true, restarts: false }; 200];
+        blocks[90] = Block { is_good: false, is_compared: false, restarts: true };
+        let rounding =
+            BlockRounding { variance: 0.05, correlation: 0.7, second_difference: 0.1, ..BlockRounding::NONE };
+        let whitening = Whitening::new(&noise, &blocks, &vec![rounding; blocks.len()]);
+        let mut state = 3;
+        let [sizes, other]: [Vec<f64>; 2] = std::array::from_fn(|_| (0..200).map(|_| draw(&mut state)).collect());
+        let derivatives = whitening.transposed(&other);
+        for falls in [0.0, 1.0] {
+            let decays = [1.0, 0.97];
+            let mut compared = 0;
+            whitening.tails(
+                whitening.forms().unwrap(),
+                &|block| (sizes[block], falls),
+                decays,
+                &[&derivatives],
+                |block, tail| {
+                    for (lane, decay) in decays.into_iter().enumerate() {
+                        for lead in [&[1.0][..], &[0.2, 0.7, 1.1]] {
+                            let Some(first) = (block + 1).checked_sub(lead.len()) else { continue };
+                            let mut values: Vec<f64> = lead.to_vec();
+                            values.extend((0..199 - block).scan(lead[lead.len() - 1], |value, _| {
+                                *value *= decay;
+                                Some(*value)
+                            }));
+                            let (mut sum, mut before) = (0.0, 0.0);
+                            let of_block = |(block, value): (usize, &f64)| {
+                                let own = sizes[block] * value;
+                                sum += own - falls * std::mem::replace(&mut before, own);
+                                sum
+                            };
+                            let series: Vec<f64> = (first..).zip(&values).map(of_block).collect();
+                            let white = whitening.apply_from(first, &series);
+                            let square: f64 = white.iter().map(|white| white * white).sum();
+                            let product: f64 = white.iter().zip(&other[first..]).map(|(one, other)| one * other).sum();
+                            let found = tail.course(lane, block, lead);
+                            assert!(
+                                (found.square - square).abs() < 1e-9 * square.max(1.0),
+                                "{block} {lane}: {found:?} {square}"
+                            );
+                            assert!(
+                                (found.products[0] - product).abs() < 1e-9 * square.max(1.0),
+                                "{found:?} {product}"
+                            );
+                            compared += 1;
+                        }
+                    }
+                },
+            );
+            assert_eq!(compared, 4 * 200 - 4);
         }
     }
 

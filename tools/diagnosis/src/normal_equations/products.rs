@@ -10,7 +10,8 @@ const MIN_REMAINDER: f64 = 1e-4;
 pub struct Products {
     /// With itself.
     pub own: f64,
-    pub(super) residual: f64,
+    /// With the residual.
+    pub residual: f64,
     /// With each nuisance.
     pub nuisances: Vec<f64>,
 }

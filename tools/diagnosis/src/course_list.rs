@@ -1,0 +1,83 @@
+//! The time courses of a signature in the order of a sweep. Pulses and waves follow from two evaluated courses.
+//!
+//! A wave of any phase is a sum of two waves with a quarter period between them; a pulse is the difference of two steps.
+
+use std::collections::HashSet;
+use std::f64::consts::FRAC_PI_2;
+
+use crate::courses::{Variation, pulse_onsets_s};
+use crate::signature_bank::{ConstantSignature, SignatureBank};
+use geu_hypothesis::amplitude::STEP;
+
+/// Onsets of the grid differ by more.
+const SAME_ONSET_S: f64 = 1e-3;
+
+/// A result of a sweep, with the places of its courses.
+pub enum Sweep {
+    /// A course itself.
+    Course(usize),
+    /// A pulse: a step minus another.
+    Pulse(Variation, [usize; 2]),
+    /// Waves of all phases.
+    Wave([usize; 2]),
+}
+
+/// Courses and results.
+pub struct CourseList {
+    /// The courses.
+    pub courses: Vec<Variation>,
+    /// Results.
+    pub results: Vec<Sweep>,
+}
+
+impl CourseList {
+    pub fn new(bank: &SignatureBank, base: &ConstantSignature) -> CourseList {
+        let mut list = CourseList { courses: Vec::new(), results: Vec::new() };
+        let mut steps: Vec<(f64, usize)> = Vec::new();
+        for variation in bank.variations(base) {
+            if let Some(onsets_s) = pulse_onsets_s(&variation) {
+                let at = |onset_s: f64| steps.iter().find(|step| (step.0 - onset_s).abs() < SAME_ONSET_S);
+                if let [Some((_, begin)), Some((_, end))] = onsets_s.map(at) {
+                    list.results.push(Sweep::Pulse(variation, [*begin, *end]));
+                }
+                continue;
+            }
+            let place = list.courses.len();
+            if let (Some(STEP), Variation::Course { shapes, .. }) = (variation.kind(), &variation) {
+                steps.push((shapes[0], place));
+            }
+            let quarter = variation.at_phase(FRAC_PI_2);
+            list.results.push(quarter.as_ref().map_or(Sweep::Course(place), |_| Sweep::Wave([place, place + 1])));
+            list.courses.push(variation);
+            list.courses.extend(quarter);
+        }
+        list
+    }
+
+    /// Places of the two courses of each pulse and wave.
+    pub fn pairs(&self) -> impl Iterator<Item = [usize; 2]> {
+        self.results.iter().filter_map(|result| match result {
+            Sweep::Course(_) => None,
+            Sweep::Pulse(_, two) | Sweep::Wave(two) => Some(*two),
+        })
+    }
+
+    /// True if products with a course are kept: not with a part of the recording alone, nor with courses of the temperature, which has a
+    /// delay.
+    pub fn is_kept(&self, place: usize) -> bool {
+        self.courses[place].is_of_time() && !matches!(self.courses[place], Variation::Onset { .. })
+    }
+
+    /// Places of the kept courses that are whitened, `most` of a kind at once: not of courses that decay to the end, unless they belong to a
+    /// pulse.
+    pub fn whitened(&self, most: usize, has_tails: bool) -> Vec<Vec<usize>> {
+        let of_pulses: HashSet<usize> = self.pairs().flatten().collect();
+        let is_whitened = |place: &usize| {
+            let has_tail = has_tails && self.courses[*place].tail().is_some() && !of_pulses.contains(place);
+            self.is_kept(*place) && !has_tail
+        };
+        let all: Vec<usize> = (0..self.courses.len()).filter(is_whitened).collect();
+        let same = |one: &usize, other: &usize| self.courses[*one].kind() == self.courses[*other].kind();
+        all.chunk_by(same).flat_map(|same| same.chunks(most)).map(<[usize]>::to_vec).collect()
+    }
+}

@@ -1,0 +1,191 @@
+//! Whitened courses from each block to the end of a recording: their squares and products, in one pass from the end.
+//!
+//! The square of the innovations from a block on is a quadratic form of the filter's state before that block. Where the value of a
+//! course decays from block to block by a constant factor, the form of a block follows from the next block's, and gives the squares of all
+//! courses that begin there.
+
+use super::Whitening;
+
+/// State of the filter without flicker: what the innovation before leaves less what is predicted, the turn by the rate, the rounding error.
+const STATE: usize = 3;
+type State = [f64; STATE];
+
+/// The form of the blocks after one.
+#[derive(Debug, Clone, Copy)]
+struct BlockForm {
+    /// Form of the state before the next block.
+    after: [State; STATE],
+    /// The form's product with what an innovation of 1 leaves.
+    turned: State,
+    /// Square of the innovations after an increment of 1.
+    square: f64,
+}
+
+/// The forms of all blocks.
+#[derive(Debug, Clone)]
+pub struct Forms(Vec<BlockForm>);
+
+/// Increment of a signature in a block per value of its course there, and the share of it that falls again in the next block.
+pub trait Increment: Fn(usize) -> (f64, f64) {}
+impl<F: Fn(usize) -> (f64, f64)> Increment for F {}
+
+/// The later blocks per value of the course in the next one: of the square of the innovations the parts linear in the state and independent
+/// of it, and the products.
+#[derive(Debug, Clone)]
+struct Later<const LANES: usize> {
+    linear: [[f64; LANES]; STATE],
+    square: [f64; LANES],
+    products: Vec<[f64; LANES]>,
+}
+
+/// Courses of several decays that begin at or before a block.
+pub struct Tail<'a, const LANES: usize, I> {
+    whitening: &'a Whitening,
+    forms: &'a Forms,
+    increment: &'a I,
+    derivatives: &'a [&'a [f64]],
+    decays: [f64; LANES],
+    later: Later<LANES>,
+}
+
+/// Square and products of a whitened course.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TailProducts {
+    pub square: f64,
+    pub products: Vec<f64>,
+}
+
+impl Whitening {
+    /// The forms; `None` with flicker.
+    pub fn forms(&self) -> Option<&Forms> {
+        let forms = || {
+            self.slow_gains.is_empty().then(|| {
+                let mut after = [[0.0; STATE]; STATE];
+                let mut forms: Vec<BlockForm> =
+                    (0..self.steps.len()).rev().map(|block| self.form(block, &mut after)).collect();
+                forms.reverse();
+                Forms(forms)
+            })
+        };
+        self.forms.get_or_init(forms).as_ref()
+    }
+
+    /// The form of a block, of those after it; `after` becomes that of the state before this block.
+    fn form(&self, block: usize, after: &mut [State; STATE]) -> BlockForm {
+        let left = self.left_by_innovation(block);
+        let turned: State = std::array::from_fn(|row| (0..STATE).map(|column| after[row][column] * left[column]).sum());
+        let weight = self.steps[block].weight.powi(2);
+        let square = weight + (0..STATE).map(|row| left[row] * turned[row]).sum::<f64>();
+        let form = BlockForm { after: *after, turned, square };
+        let columns: [State; STATE] = std::array::from_fn(|index| {
+            let mut unit = [0.0; STATE];
+            unit[index] = 1.0;
+            self.advanced(block, &unit, unit[0])
+        });
+        let product = |one: &State, other: &State| -> f64 {
+            (0..STATE)
+                .map(|row| one[row] * (0..STATE).map(|column| form.after[row][column] * other[column]).sum::<f64>())
+                .sum()
+        };
+        *after = std::array::from_fn(|row| std::array::from_fn(|column| product(&columns[row], &columns[column])));
+        after[0][0] += weight;
+        form
+    }
+
+    /// State after a block in which the innovation was 1 and the state 0.
+    fn left_by_innovation(&self, block: usize) -> State {
+        let step = &self.steps[block];
+        [step.remainder, step.gains[0], step.gains[1]]
+    }
+
+    /// State after a block.
+    fn advanced(&self, block: usize, state: &State, innovation: f64) -> State {
+        let (left, persistence) = (self.left_by_innovation(block), self.steps[block].persistence);
+        [
+            left[0] * innovation - state[1] - (persistence - 1.0) * state[2],
+            left[1] * innovation + state[1],
+            left[2] * innovation + persistence * state[2],
+        ]
+    }
+
+    /// Passes the courses that begin at each block to `visit`, the last block first. [`Whitening::transposed`] gives the
+    /// `derivatives` of products by the increments.
+    pub fn tails<const LANES: usize, I: Increment>(
+        &self,
+        forms: &Forms,
+        increment: &I,
+        decays: [f64; LANES],
+        derivatives: &[&[f64]],
+        mut visit: impl FnMut(usize, &Tail<LANES, I>),
+    ) {
+        let later = Later {
+            linear: [[0.0; LANES]; STATE],
+            square: [0.0; LANES],
+            products: vec![[0.0; LANES]; derivatives.len()],
+        };
+        let mut tail = Tail { whitening: self, forms, increment, derivatives, decays, later };
+        for block in (0..self.steps.len()).rev() {
+            visit(block, &tail);
+            if block > 0 {
+                tail.include(block);
+            }
+        }
+    }
+}
+
+impl<const LANES: usize, I: Increment> Tail<'_, LANES, I> {
+    /// Includes a block, which is not the first of a course.
+    fn include(&mut self, block: usize) {
+        let BlockForm { turned, square, .. } = self.forms.0[block];
+        let left = self.whitening.left_by_innovation(block);
+        let (persistence, weight) =
+            (self.whitening.steps[block].persistence, self.whitening.steps[block].weight.powi(2));
+        let ((size, _), (before, falls)) = ((self.increment)(block), (self.increment)(block - 1));
+        let Later { linear, square: sum, products } = &mut self.later;
+        let mut increments = [0.0; LANES];
+        for lane in 0..LANES {
+            let decay = self.decays[lane];
+            let increment = size - falls * before / decay;
+            let after: State = std::array::from_fn(|row| decay * linear[row][lane]);
+            let through: f64 = (0..STATE).map(|row| after[row] * left[row]).sum();
+            sum[lane] = square * increment * increment + 2.0 * increment * through + decay * decay * sum[lane];
+            let own: State = std::array::from_fn(|row| turned[row] * increment + after[row]);
+            linear[0][lane] = (0..STATE).map(|row| left[row] * own[row]).sum::<f64>() + weight * increment;
+            linear[1][lane] = own[1] - own[0];
+            linear[2][lane] = persistence * own[2] - (persistence - 1.0) * own[0];
+            increments[lane] = increment;
+        }
+        for (product, derivatives) in products.iter_mut().zip(self.derivatives) {
+            for lane in 0..LANES {
+                product[lane] = self.decays[lane] * product[lane] + increments[lane] * derivatives[block];
+            }
+        }
+    }
+
+    /// The course that begins with these values up to this block, and decays from there on.
+    pub fn course(&self, lane: usize, block: usize, values: &[f64]) -> TailProducts {
+        let first = block + 1 - values.len();
+        let mut all = TailProducts { square: 0.0, products: vec![0.0; self.derivatives.len()] };
+        let (mut state, mut falling) = ([0.0; STATE], 0.0);
+        for (block, value) in (first..).zip(values) {
+            let (size, falls) = (self.increment)(block);
+            let increment = size * value - falling;
+            falling = falls * size * value;
+            let innovation = increment + state[0];
+            all.square += (self.whitening.steps[block].weight * innovation).powi(2);
+            state = self.whitening.advanced(block, &state, innovation);
+            let products = all.products.iter_mut().zip(self.derivatives);
+            products.for_each(|(product, derivatives)| *product += increment * derivatives[block]);
+        }
+        let next = self.decays[lane] * values.last().copied().unwrap_or(0.0);
+        let after = &self.forms.0[block].after;
+        for row in 0..STATE {
+            let quadratic: f64 = (0..STATE).map(|column| after[row][column] * state[column]).sum();
+            all.square += state[row] * (quadratic + 2.0 * next * self.later.linear[row][lane]);
+        }
+        all.square += next * next * self.later.square[lane];
+        let products = all.products.iter_mut().zip(&self.later.products);
+        products.for_each(|(product, later)| *product += next * later[lane]);
+        all
+    }
+}
