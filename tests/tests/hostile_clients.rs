@@ -84,6 +84,21 @@ fn a_pty_client_that_reads_no_reply_and_closes_wedges_nothing() {
 }
 
 #[test]
+fn commands_of_a_tcp_client_that_leaves_at_once_are_carried_out() {
+    let (emulator, mut other) = Emulator::on_tcp(&[]);
+    let address = emulator.ready[0].strip_prefix("tcp ").unwrap();
+    // It leaves with unread samples and replies, so that writes to it fail before all its commands are read.
+    for _ in 0..5 {
+        let mut client = TcpStream::connect(address).expect("the unit listens");
+        client.write_all(&ping().repeat(70)).expect("the unit reads");
+    }
+    sleep(Duration::from_secs(3));
+    assert_eq!(other.ask(&ping()).0.outcome(), CommandResult::Done);
+    let said = end_within_a_second(emulator);
+    assert!(said.contains("commands     351 received, 0 frames dropped"), "each is carried out: {said}");
+}
+
+#[test]
 fn a_pty_client_that_stalls_with_the_pty_open_is_served_again_when_it_reads() {
     let directory = directory();
     let path = directory.path().join("geu0");

@@ -21,6 +21,8 @@ use crate::shared_unit::SharedUnit;
 /// After this time without a byte, a valid frame inside the apparent start of another is accepted.
 const PAUSE: Duration = Duration::from_millis(4);
 
+/// Time after a failed write in which commands that came before it are read and obeyed.
+pub(super) const UNHEARD_TIMEOUT: Duration = Duration::from_secs(10);
 /// Number of commands of one client before others have their turn.
 const TURN: usize = 16;
 /// First bytes of other network protocols: requests of HTTP, which any page in a browser can send with arbitrary bytes after

@@ -4,12 +4,13 @@ use std::io;
 use std::os::fd::AsFd;
 use std::sync::Arc;
 
+use tokio::time::timeout;
 use tokio_serial::{DataBits, Parity, SerialStream, StopBits};
 
 use super::address::SerialAddress;
 use super::error::LinkError;
 use super::interface::{LinkInfo, Watched, reopen};
-use super::receive::{CommandServer, Receiver};
+use super::receive::{CommandServer, Receiver, UNHEARD_TIMEOUT};
 use super::send_buffer::Port;
 use super::statistics::Sending;
 use super::stream_sender::{Senders, StreamLink, StreamSender};
@@ -60,9 +61,17 @@ async fn serve(
 async fn session(port: &Port, sender: &StreamSender, commands: &CommandServer) -> io::Result<()> {
     let port = Watched::new(port.clone())?;
     let mut receiver = Receiver::default();
-    let end = tokio::select! {
-        end = commands.serve(&port, sender, &mut receiver, &commands.info.statistics.name) => end,
-        end = sender.pump(&port) => end,
+    let end = {
+        let heard = commands.serve(&port, sender, &mut receiver, &commands.info.statistics.name);
+        tokio::pin!(heard);
+        tokio::select! {
+            end = &mut heard => end,
+            end = sender.pump(&port) => {
+                sender.close();
+                let _ = timeout(UNHEARD_TIMEOUT, heard).await;
+                end
+            }
+        }
     };
     commands.end(&mut receiver);
     end

@@ -11,10 +11,11 @@ use ipnet::IpNet;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::socket::{setsockopt, sockopt};
 use tokio::net::{TcpListener, TcpStream};
+use tokio::time::timeout;
 
 use super::error::LinkError;
 use super::interface::{LinkInfo, Watched};
-use super::receive::{CommandServer, Receiver};
+use super::receive::{CommandServer, Receiver, UNHEARD_TIMEOUT};
 use super::send_buffer::Port;
 use super::statistics::Sending;
 use super::stream_sender::{Senders, StreamLink, StreamSender};
@@ -176,9 +177,14 @@ impl Server {
                 Err(_) => {}
             }
         };
+        tokio::pin!(commands);
         tokio::select! {
-            () = commands => {}
-            _ = client.pump(&port) => {}
+            () = &mut commands => {}
+            _ = client.pump(&port) => {
+                // A client that is gone may have sent commands before.
+                client.close();
+                let _ = timeout(UNHEARD_TIMEOUT, commands).await;
+            }
         }
     }
 }
