@@ -1,10 +1,11 @@
 //! The blind trial: keys, scores, and campaigns that do not depend on the number of threads.
 
 use geu_blind::{
-    AnswerKey, CampaignPlan, InjectedEffect, IsolationResult, Origin, ReportedDiagnosis, TrialMotion, campaign,
-    generate_trial, score,
+    AnswerKey, CampaignPlan, InjectedEffect, IsolationResult, Origin, ReportedDiagnosis, SURVEY_S, SimulatedRecording,
+    TrialMotion, campaign, generate_trial, score, simulate,
 };
-use geu_diagnosis::outcome::EstimatedValue;
+use geu_diagnosis::outcome::{Class, EstimatedValue};
+use geu_diagnosis::{DiagnosisOptions, diagnose_rows};
 use geu_hypothesis::Hypothesis;
 use geu_model::Configuration;
 use geu_recording::{DecoderOptions, Defect, InputReader, ReceivedSample, ReferenceAttitude, Sink, Stop};
@@ -195,4 +196,28 @@ fn campaign_does_not_depend_on_the_number_of_threads() {
         tables.contains("| effect, 12× | ") && tables.contains("| nothing | ") && tables.contains("| outside"),
         "{tables}"
     );
+}
+
+/// The other gyros hardly turn about their axes.
+#[test]
+fn an_effect_is_named_on_the_gyro_that_shows_it() {
+    let injected = ["gyro.GYRY.scale-factor-nonlinearity.cubic_ppm=180".to_owned()];
+    for seed in [1, 2] {
+        let unit = Configuration { seed, ..Configuration::reference_with(&injected).expect("valid") };
+        let SimulatedRecording { rows, reference, .. } = simulate(&unit, SURVEY_S);
+        let options = DiagnosisOptions::new(reference.start_ns);
+        let diagnosis =
+            diagnose_rows(&rows, &[], &Configuration::reference(), &reference, &options).expect("a recording");
+        let [found] = &diagnosis.entries.iter().filter(|own| own.class == Class::MissingEffect).collect::<Vec<_>>()[..]
+        else {
+            panic!("seed {seed}: {:?}", diagnosis.entries)
+        };
+        assert_eq!(
+            (found.code.as_str(), found.gyros),
+            ("scale-factor-nonlinearity", [false, true, false, false]),
+            "seed {seed}"
+        );
+        let on_all = found.alternatives.iter().find(|other| other.code == found.code && other.gyros == [true; 4]);
+        assert!(on_all.is_some_and(|other| other.is_indistinguishable()), "seed {seed}");
+    }
 }

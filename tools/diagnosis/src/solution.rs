@@ -142,6 +142,7 @@ impl<'a> Solution<'a> {
         let is_better = |several: &SelectedModel| !is_stated(&single) || score(several) < score(&single);
         let mut selected = single.is_cut.then(|| pass(MAX_PER_GYRO)).filter(is_better).unwrap_or(single);
         merge_gyros(&case, &mut selected);
+        selected.leave_out_gyros(&case);
         selected.cross_validate(&case);
         let needs_formulas = !selected.state.held.is_empty() || !is_noise(&selected, &thresholds);
         // What is no evidence is an alternative nevertheless.

@@ -1,10 +1,12 @@
 //! Refinement of an accepted hypothesis: temperature lag, whole numbers, shape parameters, onsets.
 
 use geu_model::parameter_spec::Role;
+use rayon::prelude::*;
 
 use crate::courses::shortest_s;
 use crate::diagnosis_case::DiagnosisCase;
 use crate::fitted_hypothesis::FittedHypothesis;
+use crate::measured::TIMING;
 use crate::model_state::ModelState;
 use crate::normal_equations::{NormalEquations, THIRDS};
 use crate::null_distribution::Thresholds;
@@ -12,6 +14,7 @@ use crate::search::passes_cross_validation;
 use crate::signature_bank::SignatureBank;
 use crate::significance::{FOUR_SIGMAS, THREE_SIGMAS, TWO_SIGMA_CHI2};
 use crate::temperature_lag::{LaggedFit, likeliest};
+use geu_hypothesis::gyros::{ALL_GYROS, only};
 
 use super::selected::SelectedModel;
 
@@ -126,6 +129,30 @@ impl SelectedModel {
             let fall = self.normal.squares() - normal.squares();
             if is_possible(own) && (fall > TWO_SIGMA_CHI2 || fall >= 0.0 && is_determined) {
                 (self.state, self.normal) = (tried, normal);
+            }
+        }
+    }
+
+    /// Names the one gyro that shows a hypothesis on all of them: if χ² rises by less than [`TWO_SIGMA_CHI2`] without the others, the motion
+    /// does not show it on them.
+    pub fn leave_out_gyros(&mut self, case: &DiagnosisCase) {
+        for index in 0..self.state.held.len() {
+            let hypothesis = &self.state.held[index].hypothesis;
+            if hypothesis.amplitude.is_of_unit() || hypothesis.gyros != ALL_GYROS {
+                continue;
+            }
+            let on = |gyro: usize| {
+                let mut state = self.state.clone();
+                state.held[index].hypothesis.gyros = only(gyro);
+                state.held[index].invalidate();
+                let normal = case.fit(&mut state);
+                is_possible(&state.held[index]).then_some((state, normal))
+            };
+            let alone = (0..TIMING).into_par_iter().filter_map(on);
+            let best = alone.min_by(|one, other| one.1.squares().total_cmp(&other.1.squares()));
+            let is_equal = |normal: &NormalEquations| normal.squares() < self.normal.squares() + TWO_SIGMA_CHI2;
+            if let Some((state, normal)) = best.filter(|(_, normal)| is_equal(normal)) {
+                (self.state, self.normal) = (state, normal);
             }
         }
     }
