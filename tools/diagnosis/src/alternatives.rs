@@ -37,6 +37,8 @@ pub const AMBIGUITY_CHI2: f64 = FOUR_SIGMA_CHI2;
 /// excluded: signatures have them on a grid only. Time courses of the same nonlinear amplitude on the same gyros are fitted at any
 /// difference.
 const NEAR_CHI2: f64 = 30.0;
+/// Lengths of a course from the onset found that are tried.
+const LENGTHS: i32 = 4;
 /// Maximum number of other fits.
 const FITTED: usize = 6;
 
@@ -120,8 +122,16 @@ pub fn alternatives(
                 is_possible.then(|| Alternative { hypothesis, delta_chi2, cosine, ..other.clone() })
             };
             let duration_s = case.measured.duration_s();
-            let started = is_same.then(|| with_its_onset(&found.hypothesis, &other.hypothesis, duration_s)).flatten();
-            let starts = [Some(other.hypothesis.clone()), started].into_iter().flatten();
+            let squares = |start: &Hypothesis| {
+                let mut instead = others.clone();
+                instead.held.insert(index, FittedHypothesis::fixed(start.clone()));
+                case.normal(&mut instead).squares()
+            };
+            let from_onset =
+                if is_same { with_its_onset(&found.hypothesis, &other.hypothesis, duration_s) } else { Vec::new() };
+            let likeliest = from_onset.into_iter().map(|start| (squares(&start), start));
+            let likeliest = likeliest.min_by(|one, two| one.0.total_cmp(&two.0)).map(|(_, start)| start);
+            let starts = [Some(other.hypothesis.clone()), likeliest].into_iter().flatten();
             if let Some(best) = starts.filter_map(fitted).min_by(|one, two| one.delta_chi2.total_cmp(&two.delta_chi2))
                 && best.delta_chi2 < other.delta_chi2
             {
@@ -140,19 +150,25 @@ pub fn alternatives(
     best_of_each(all)
 }
 
-/// An effect with another time course from its onset on, which hardly ends or decays before the end of a recording; `None` if either has
-/// no onset.
-fn with_its_onset(found: &Hypothesis, other: &Hypothesis, duration_s: f64) -> Option<Hypothesis> {
+/// An effect with another time course from its onset on, which hardly ends or decays before the end of a recording, or after halves of the
+/// rest; none if either has no onset.
+fn with_its_onset(found: &Hypothesis, other: &Hypothesis, duration_s: f64) -> Vec<Hypothesis> {
     let Hypothesis { amplitude, gyros, .. } = *other;
     let shapes = found.amplitude.course_shapes().iter().zip(&found.course_shapes);
-    let onset_s = *shapes.into_iter().find(|(number, _)| number.role == Role::Onset)?.1;
-    let shape = |number: &ParameterSpec| match number.role {
-        Role::Onset => Some(onset_s),
-        Role::Duration | Role::TimeConstant => Some(duration_s - onset_s),
-        _ => None,
+    let Some((_, &onset_s)) = shapes.into_iter().find(|(number, _)| number.role == Role::Onset) else {
+        return Vec::new();
     };
-    let course_shapes: Vec<f64> = amplitude.course_shapes().iter().map(shape).collect::<Option<_>>()?;
-    (!course_shapes.is_empty()).then(|| Hypothesis { amplitude, gyros, course_shapes, ..found.clone() })
+    let with_length = |halvings: i32| {
+        let shape = |number: &ParameterSpec| match number.role {
+            Role::Onset => Some(onset_s),
+            Role::Duration | Role::TimeConstant => Some((duration_s - onset_s) * 0.5f64.powi(halvings)),
+            _ => None,
+        };
+        let course_shapes: Vec<f64> = amplitude.course_shapes().iter().map(shape).collect::<Option<_>>()?;
+        (!course_shapes.is_empty()).then(|| Hypothesis { amplitude, gyros, course_shapes, ..found.clone() })
+    };
+    let has_length = amplitude.course_shapes().len() > 1;
+    (0..if has_length { LENGTHS } else { 1 }).filter_map(with_length).collect()
 }
 
 /// The alternative to a wave that follows a lagged temperature.

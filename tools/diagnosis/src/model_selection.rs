@@ -4,12 +4,13 @@
 //! accepted.
 //!
 //! `selected` holds the state; `refine`, `noise` and `acceptance` act on it and use each other in this order only. `candidate_fit` fits
-//! candidates beside it; `pairs` adds two hypotheses at once.
+//! candidates beside it; `pairs` adds two hypotheses at once, `pulse` joins two.
 
 mod acceptance;
 mod candidate_fit;
 mod noise;
 mod pairs;
+mod pulse;
 mod refine;
 mod selected;
 
@@ -245,9 +246,9 @@ fn exchange(searches: &Searches, now: &mut SelectedModel) -> bool {
     loop {
         let single = (0..now.state.held.len()).filter(|_| now.state.held.len() > 1).map(|index| vec![index]);
         let sets: Vec<Vec<usize>> = single.chain(now.overlapping_pairs().map(Vec::from)).collect();
-        let Some(likelier) = sets.iter().find_map(|replaced| exchanged(searches, now, replaced)) else {
-            return is_other;
-        };
+        let likelier = sets.iter().find_map(|replaced| exchanged(searches, now, replaced));
+        let pulse = || now.overlapping_pairs().find_map(|two| pulse::joined(searches, now, two));
+        let Some(likelier) = likelier.or_else(pulse) else { return is_other };
         (*now, is_other) = (likelier, true);
     }
 }
