@@ -13,6 +13,7 @@ use crate::fitted_hypothesis::FittedHypothesis;
 use crate::measured::{CHANNELS, Series, TIMING};
 use crate::model_state::ModelState;
 use crate::normal_equations::NormalEquations;
+use crate::shape_search::LENGTHS;
 use crate::signature::Signature;
 use crate::signature_bank::{ConstantSignature, HypothesisFamily, SignatureBank, Variation};
 use crate::significance::{FOUR_SIGMA_CHI2, THREE_SIGMA_CHI2};
@@ -37,8 +38,6 @@ pub const AMBIGUITY_CHI2: f64 = FOUR_SIGMA_CHI2;
 /// excluded: signatures have them on a grid only. Time courses of the same nonlinear amplitude on the same gyros are fitted at any
 /// difference.
 const NEAR_CHI2: f64 = 30.0;
-/// Lengths of a course from the onset found that are tried.
-const LENGTHS: i32 = 4;
 /// Maximum number of other fits.
 const FITTED: usize = 6;
 

@@ -12,7 +12,7 @@ const HALVINGS: usize = 5;
 /// First step of an onset, as a share of the recording: about that of the grid.
 const ONSET_SHARE: f64 = 1.0 / 96.0;
 /// Durations and time constants tried from there: halves of the recording, of that, and so on.
-const LENGTHS: i32 = 5;
+pub const LENGTHS: i32 = 5;
 /// First step of a period, as a share of the period.
 const PERIOD_SHARE: f64 = 0.08;
 /// First step of a time constant, as a share of it.
