@@ -137,6 +137,7 @@ mod tests {
     use crate::diagnosis_case::DiagnosisCase;
     use crate::measured::{MeasuredData, Shifts};
     use crate::noise;
+    use crate::sweep::{Swept, sweep};
 
     /// Half an hour of turns about all axes, with a lost sample.
     fn measured(nominal: &Configuration) -> MeasuredData {
@@ -192,5 +193,35 @@ mod tests {
             }
         }
         assert!(compared.iter().all(|count| *count > 100), "{compared:?}");
+    }
+
+    #[test]
+    fn signatures_without_small_motions_have_products_of_their_own() {
+        let nominal = Configuration::reference();
+        let measured = measured(&nominal);
+        let case = DiagnosisCase::new(&measured, &nominal);
+        let path = measured.run(&nominal, Shifts::default());
+        let noise = noise::configured(&nominal, &measured, &case.rounding, &measured.residual(&path));
+        let normal = case.fit(&mut case.start(noise));
+        let whole = SignatureBank::new(&measured, &nominal);
+        let at_rest = path.map(|channel| Arc::new(vec![0.0; channel.len()]));
+        let largest = |bank: &SignatureBank, index: usize| {
+            let mut largest = 0.0f64;
+            sweep(
+                bank,
+                &normal,
+                &bank.bases[index],
+                [true; CHANNELS],
+                |_, _, _| (),
+                |_, swept: &Swept<()>| {
+                    largest = largest.max(swept.gain(|_| true).map_or(0.0, |gain| gain.chi2));
+                },
+            );
+            largest
+        };
+        let reduced = whole.clone().without_small_motions(&at_rest);
+        let index = whole.bases.iter().position(|base| base.amplitude.filters_motion()).expect("a lag");
+        assert_eq!(largest(&reduced, index), 0.0);
+        assert!(largest(&whole, index) > 0.0);
     }
 }

@@ -39,6 +39,7 @@ impl SignatureBank {
                 };
                 *series = series.iter().enumerate().map(of_block).collect();
             }
+            base.products = Default::default();
         }
         self
     }
