@@ -166,7 +166,8 @@ fn with_its_onset(found: &Hypothesis, other: &Hypothesis, duration_s: f64) -> Ve
         let course_shapes: Vec<f64> = amplitude.course_shapes().iter().map(shape).collect::<Option<_>>()?;
         (!course_shapes.is_empty()).then(|| Hypothesis { amplitude, gyros, course_shapes, ..found.clone() })
     };
-    let has_length = amplitude.course_shapes().len() > 1;
+    let is_length = |number: &ParameterSpec| matches!(number.role, Role::Duration | Role::TimeConstant);
+    let has_length = amplitude.course_shapes().iter().any(is_length);
     (0..if has_length { LENGTHS } else { 1 }).filter_map(with_length).collect()
 }
 

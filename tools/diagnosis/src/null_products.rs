@@ -135,9 +135,12 @@ mod tests {
     use geu_recording::ReferenceAttitude;
 
     use crate::diagnosis_case::DiagnosisCase;
-    use crate::measured::{MeasuredData, Shifts};
+    use crate::measured::{BLOCK_S, MeasuredData, Shifts};
     use crate::noise;
+    use crate::spots::Spot;
     use crate::sweep::{Swept, sweep};
+    use geu_hypothesis::amplitude::STEP;
+    use geu_hypothesis::gyros::ALL_GYROS;
 
     /// Half an hour of turns about all axes, with a lost sample.
     fn measured(nominal: &Configuration) -> MeasuredData {
@@ -223,5 +226,36 @@ mod tests {
         let index = whole.bases.iter().position(|base| base.amplitude.filters_motion()).expect("a lag");
         assert_eq!(largest(&reduced, index), 0.0);
         assert!(largest(&whole, index) > 0.0);
+    }
+
+    #[test]
+    fn the_likeliest_step_is_that_of_steps_fitted_one_by_one() {
+        let nominal = Configuration::reference();
+        let measured = measured(&nominal);
+        let case = DiagnosisCase::new(&measured, &nominal);
+        let residual = measured.residual(&measured.run(&nominal, Shifts::default()));
+        let noise = noise::configured(&nominal, &measured, &case.rounding, &residual);
+        let normal = case.fit(&mut case.start(noise));
+        let bank = SignatureBank::new(&measured, &nominal);
+        let spacing_s = bank.step_spacing_s(Mode::Level).expect("an exact reference");
+        let step = |onset: usize| Variation::Course { kind: STEP, shapes: vec![onset as f64 * spacing_s] };
+        let count = (bank.block_count() as f64 * BLOCK_S / spacing_s) as usize;
+        let mut compared = 0;
+        for index in (0..bank.bases.len()).filter(|&index| bank.bases[index].mode == Mode::Level) {
+            if bank.bases[index].amplitude.with(STEP).is_none() {
+                continue;
+            }
+            let fit = |onset: usize| Spot::fit(&bank, &normal, index, step(onset), ALL_GYROS);
+            let Some(largest) =
+                (1..count).filter_map(fit).max_by(|one, other| one.gain.chi2.total_cmp(&other.gain.chi2))
+            else {
+                continue;
+            };
+            let found_s = largest.likeliest_step_s(&bank, &normal, spacing_s, |_| true).expect("a step");
+            let found = fit((found_s / spacing_s).round() as usize).expect("a fit").gain.chi2;
+            assert!((found - largest.gain.chi2).abs() <= 1e-9 * largest.gain.chi2, "{:?}", bank.bases[index].amplitude);
+            compared += 1;
+        }
+        assert!(compared > 0);
     }
 }

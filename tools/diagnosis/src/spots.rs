@@ -157,7 +157,7 @@ impl Spot {
     }
 
     /// Onset of the likeliest possible step of the same amplitude and gyros, among those at this spacing.
-    fn likeliest_step_s(
+    pub(crate) fn likeliest_step_s(
         &self,
         bank: &SignatureBank,
         normal: &NormalEquations,

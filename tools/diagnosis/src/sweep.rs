@@ -128,7 +128,7 @@ pub fn sweep<T: Linear>(
     let list = CourseList::new(bank, base);
     let products = base.products.with_noise(normal, || CourseProducts::new(bank, base, &list, normal));
     let mut kept = KeptProducts::new(products, base, normal, has);
-    let mut course = |place: usize| {
+    let course = |place: usize| {
         let variation = &list.courses[place];
         let (parts, white) = match list.is_kept(place) {
             true => {
@@ -142,7 +142,7 @@ pub fn sweep<T: Linear>(
         let swept = Swept::new(&parts, std::array::from_fn(of_channel));
         (parts, swept)
     };
-    let courses: Vec<(Parts, Swept<T>)> = (0..list.courses.len()).map(&mut course).collect();
+    let courses: Vec<(Parts, Swept<T>)> = (0..list.courses.len()).map(course).collect();
     let mut both = |one: &Parts, other: &Parts| {
         let squares = kept.both();
         (pairs(one, other, &squares), squares)
