@@ -1,10 +1,9 @@
-//! Serial frames: `EB 90 | type | length | payload | CRC`, and a deframer that finds them in any bytes.
-//!
-//! There is no byte stuffing: a receiver hunts for the sync, checks type, length and CRC, and on failure resumes one
-//! byte after the sync it tried, so no good frame behind noise is lost.
+//! Serial frames: `EB 90 | type | length | payload | CRC`, which a [`Deframer`] finds in any bytes.
 
 use crate::command::{COMMAND_LENGTHS, COMMAND_SERIAL, REPLY_LENGTHS, REPLY_SERIAL};
 use crate::crc::crc16;
+pub use crate::deframer::MAX_SKIPPED_EXCERPT;
+use crate::deframer::{Candidate, FrameEvent, FrameFinder, Framing};
 use crate::field::Sample;
 use crate::message::{Data, Message, MessageId};
 use crate::named;
@@ -128,156 +127,51 @@ impl SerialDefect {
     }
 }
 
-/// Result of the deframer. Frames and skipped runs together are all bytes, each once.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum DeframerEvent<'a> {
-    /// A frame with a correct CRC.
-    Frame {
-        /// Offset of its sync in the stream.
-        at: u64,
-        kind: FrameType,
-        payload: &'a [u8],
-    },
-    /// A sync that no frame followed; its bytes are in a skipped run.
-    Rejected {
-        /// Offset of the sync in the stream.
-        at: u64,
-        defect: SerialDefect,
-        /// The bytes tried, from the sync on, at most as long as the longest frame.
-        bytes: &'a [u8],
-    },
-    /// A run of bytes outside of frames, reported at its end.
-    Skipped {
-        /// Offset of the first in the stream.
-        at: u64,
-        length: u64,
-        /// The first of them, at most [`MAX_SKIPPED_EXCERPT`].
-        first: &'a [u8],
-    },
-}
+/// Finds the frames of the interface control document.
+pub type Deframer = FrameFinder<UnitFrames>;
+/// Result of the deframer.
+pub type DeframerEvent<'a> = FrameEvent<'a, FrameType>;
 
-/// Bytes reported of a skipped run.
-pub const MAX_SKIPPED_EXCERPT: usize = 16;
+/// Frames of the interface control document.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct UnitFrames;
 
-/// A run of bytes outside of frames.
-#[derive(Debug, Clone, Copy)]
-struct Run {
-    at: u64,
-    first: [u8; MAX_SKIPPED_EXCERPT],
-    kept: u8,
-}
-
-impl Run {
-    fn extend(&mut self, bytes: &[u8]) {
-        let kept = usize::from(self.kept);
-        let more = bytes.len().min(MAX_SKIPPED_EXCERPT - kept);
-        self.first[kept..kept + more].copy_from_slice(&bytes[..more]);
-        self.kept += more as u8;
-    }
-}
-
-/// Finds frames in a stream that arrives in chunks.
-#[derive(Debug, Clone, Default)]
-pub struct Deframer {
-    /// Offset in the stream of the first byte not yet consumed.
-    offset: u64,
-    /// The run of skipped bytes that reaches up to `offset`.
-    skipping: Option<Run>,
-}
-
-enum Candidate {
-    Frame(FrameType, usize),
-    Rejected(SerialDefect),
-    Incomplete,
-}
-
-#[inline]
-fn candidate(bytes: &[u8]) -> Candidate {
-    let (Some(&code), Some(&length)) = (bytes.get(TYPE_AT), bytes.get(LENGTH_AT)) else {
-        return match bytes.get(TYPE_AT) {
-            Some(&code) if FrameType::from_code(code).is_none() => Candidate::Rejected(SerialDefect::UnknownType),
-            _ => Candidate::Incomplete,
-        };
-    };
-    let length = usize::from(length);
-    let Some(kind) = FrameType::from_code(code) else {
-        return Candidate::Rejected(SerialDefect::UnknownType);
-    };
-    if !kind.accepts(length) {
-        return Candidate::Rejected(SerialDefect::WrongLength);
-    }
-    let Some(bytes) = bytes.get(..OVERHEAD + length) else {
-        return Candidate::Incomplete;
-    };
-    let (covered, crc) = bytes[SYNC.len()..].split_at(bytes.len() - SYNC.len() - CRC);
-    if crc16(covered).to_be_bytes() == crc {
-        Candidate::Frame(kind, OVERHEAD + length)
-    } else {
-        Candidate::Rejected(SerialDefect::CrcMismatch)
-    }
-}
-
-impl Deframer {
-    /// Offset in the stream of the first byte not yet consumed.
-    pub fn offset(&self) -> u64 {
-        self.offset
-    }
-
-    /// Reads the next bytes of the stream and returns the number of bytes consumed. The next call must begin with the rest,
-    /// which is shorter than a frame.
-    #[inline]
-    pub fn consume(&mut self, bytes: &[u8], sink: &mut impl FnMut(DeframerEvent)) -> usize {
-        self.run(bytes, false, sink)
-    }
-
-    /// Reads the last bytes; an incomplete frame is cut.
-    pub fn finish(&mut self, bytes: &[u8], sink: &mut impl FnMut(DeframerEvent)) {
-        self.run(bytes, true, sink);
-        self.end_skipping(sink);
-    }
+impl Framing for UnitFrames {
+    type Kind = FrameType;
 
     #[inline]
-    fn run(&mut self, bytes: &[u8], last: bool, sink: &mut impl FnMut(DeframerEvent)) -> usize {
-        let (start, mut at) = (self.offset, 0);
-        while at < bytes.len() {
-            let rest = &bytes[at..];
-            if rest[0] != SYNC[0] || rest.get(1).is_some_and(|&second| second != SYNC[1]) {
-                let skipped = memchr::memchr(SYNC[0], &rest[1..]).map_or(rest.len(), |next| next + 1);
-                self.skip(start + at as u64, &rest[..skipped]);
-                at += skipped;
-                continue;
-            }
-            let defect = match candidate(rest) {
-                Candidate::Frame(kind, length) => {
-                    self.offset = start + at as u64;
-                    self.end_skipping(sink);
-                    sink(DeframerEvent::Frame { at: self.offset, kind, payload: &rest[HEADER..length - CRC] });
-                    at += length;
-                    continue;
-                }
-                Candidate::Incomplete if !last => break,
-                Candidate::Incomplete => SerialDefect::Cut,
-                Candidate::Rejected(defect) => defect,
-            };
-            if rest.len() > 1 {
-                let bytes = &rest[..rest.len().min(defect.length(rest))];
-                sink(DeframerEvent::Rejected { at: start + at as u64, defect, bytes });
-            }
-            self.skip(start + at as u64, &rest[..1]);
-            at += 1;
+    fn next(&self, bytes: &[u8]) -> usize {
+        match bytes {
+            [first, second, ..] if [*first, *second] == SYNC => 0,
+            [first] if *first == SYNC[0] => 0,
+            _ => memchr::memchr(SYNC[0], &bytes[1..]).map_or(bytes.len(), |next| next + 1),
         }
-        self.offset = start + at as u64;
-        at
     }
 
-    fn skip(&mut self, at: u64, bytes: &[u8]) {
-        self.skipping.get_or_insert(Run { at, first: [0; MAX_SKIPPED_EXCERPT], kept: 0 }).extend(bytes);
-    }
-
-    fn end_skipping(&mut self, sink: &mut impl FnMut(DeframerEvent)) {
-        if let Some(run) = self.skipping.take() {
-            let first = &run.first[..usize::from(run.kept)];
-            sink(DeframerEvent::Skipped { at: run.at, length: self.offset - run.at, first });
+    #[inline]
+    fn candidate<'a>(&self, bytes: &'a [u8]) -> Candidate<'a, FrameType> {
+        let reject = |defect: SerialDefect| Candidate::Rejected { defect, length: defect.length(bytes) };
+        let (Some(&code), Some(&length)) = (bytes.get(TYPE_AT), bytes.get(LENGTH_AT)) else {
+            return match bytes.get(TYPE_AT) {
+                Some(&code) if FrameType::from_code(code).is_none() => reject(SerialDefect::UnknownType),
+                _ => Candidate::Incomplete { length: MAX_FRAME },
+            };
+        };
+        let length = usize::from(length);
+        let Some(kind) = FrameType::from_code(code) else {
+            return reject(SerialDefect::UnknownType);
+        };
+        if !kind.accepts(length) {
+            return reject(SerialDefect::WrongLength);
+        }
+        let Some(bytes) = bytes.get(..OVERHEAD + length) else {
+            return Candidate::Incomplete { length: MAX_FRAME };
+        };
+        let (covered, crc) = bytes[SYNC.len()..].split_at(bytes.len() - SYNC.len() - CRC);
+        if crc16(covered).to_be_bytes() == crc {
+            Candidate::Frame { kind, length: bytes.len(), payload: &bytes[HEADER..HEADER + length] }
+        } else {
+            reject(SerialDefect::CrcMismatch)
         }
     }
 }

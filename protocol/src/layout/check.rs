@@ -1,0 +1,201 @@
+//! Check values: the catalogue of parametrised CRC algorithms, sums and exclusive-ors.
+
+use std::fmt::{self, Debug, Formatter};
+use std::ops::Range;
+use std::sync::Arc;
+
+use ::crc::{self, Crc, Table};
+
+use super::number::Place;
+
+/// An algorithm ready to run.
+enum Engine {
+    Crc8(Crc<u8, Table<16>>),
+    Crc16(Crc<u16, Table<16>>),
+    Crc32(Crc<u32, Table<16>>),
+    /// Of the bytes, modulo the field's width.
+    Sum,
+    /// The sum's two's complement, so that all bytes together add up to 0.
+    NegatedSum,
+    /// Of the bytes.
+    Xor,
+}
+
+/// Makes a list of the names and constructors of CRC algorithms: `CRC_16_XMODEM` is `CRC-16/XMODEM`.
+macro_rules! catalogue {
+    ($($variant:ident $width:ident: $($algorithm:ident)*;)*) => {
+        const CATALOGUE: &[(&str, fn() -> Engine)] =
+            &[$($((stringify!($algorithm), || Engine::$variant(Crc::<$width, Table<16>>::new(&crc::$algorithm))),)*)*];
+    };
+}
+
+catalogue! {
+    Crc8 u8: CRC_8_AUTOSAR CRC_8_BLUETOOTH CRC_8_CDMA2000 CRC_8_DARC CRC_8_DVB_S2 CRC_8_GSM_A CRC_8_GSM_B CRC_8_HITAG CRC_8_I_432_1
+        CRC_8_I_CODE CRC_8_LTE CRC_8_MAXIM_DOW CRC_8_MIFARE_MAD CRC_8_NRSC_5 CRC_8_OPENSAFETY CRC_8_ROHC CRC_8_SAE_J1850
+        CRC_8_SMBUS CRC_8_TECH_3250 CRC_8_WCDMA;
+    Crc16 u16: CRC_16_ARC CRC_16_CDMA2000 CRC_16_CMS CRC_16_DDS_110 CRC_16_DECT_R CRC_16_DECT_X CRC_16_DNP CRC_16_EN_13757
+        CRC_16_GENIBUS CRC_16_GSM CRC_16_IBM_3740 CRC_16_IBM_SDLC CRC_16_ISO_IEC_14443_3_A CRC_16_KERMIT CRC_16_LJ1200
+        CRC_16_M17 CRC_16_MAXIM_DOW CRC_16_MCRF4XX CRC_16_MODBUS CRC_16_NRSC_5 CRC_16_OPENSAFETY_A CRC_16_OPENSAFETY_B
+        CRC_16_PROFIBUS CRC_16_RIELLO CRC_16_SPI_FUJITSU CRC_16_T10_DIF CRC_16_TELEDISK CRC_16_TMS37157 CRC_16_UMTS
+        CRC_16_USB CRC_16_XMODEM;
+    Crc32 u32: CRC_24_BLE CRC_24_FLEXRAY_A CRC_24_FLEXRAY_B CRC_24_INTERLAKEN CRC_24_LTE_A CRC_24_LTE_B CRC_24_OPENPGP CRC_24_OS_9
+        CRC_32_AIXM CRC_32_AUTOSAR CRC_32_BASE91_D CRC_32_BZIP2 CRC_32_CD_ROM_EDC CRC_32_CKSUM CRC_32_ISCSI
+        CRC_32_ISO_HDLC CRC_32_JAMCRC CRC_32_MEF CRC_32_MPEG_2 CRC_32_XFER;
+}
+
+/// Names of sums, with their engines.
+const SUMS: [(&str, fn() -> Engine); 3] =
+    [("sum", || Engine::Sum), ("negated-sum", || Engine::NegatedSum), ("xor", || Engine::Xor)];
+
+/// A name of the catalogue: width after a hyphen, the rest after a slash.
+fn catalogue_name(algorithm: &str) -> String {
+    let mut parts = algorithm.splitn(3, '_');
+    let [kind, width, rest] = [(); 3].map(|()| parts.next().unwrap_or_default());
+    format!("{kind}-{width}/{}", rest.replace('_', "-"))
+}
+
+/// Names of all check algorithms.
+pub fn check_names() -> Vec<String> {
+    let sums = SUMS.iter().map(|(name, _)| (*name).to_owned());
+    sums.chain(CATALOGUE.iter().map(|(algorithm, _)| catalogue_name(algorithm))).collect()
+}
+
+/// A check value and the bytes that it covers.
+#[derive(Clone)]
+pub struct Check {
+    pub name: String,
+    engine: Arc<Engine>,
+    pub place: Place,
+    /// Bytes covered; those of the check itself are left out.
+    pub covers: Range<usize>,
+    /// Zeros follow the covered bytes up to a multiple of this.
+    pub pad_to: usize,
+    /// Bytes that follow the covered ones and are not sent, such as an identifier.
+    pub suffix: Vec<u8>,
+}
+
+impl Debug for Check {
+    fn fmt(&self, f: &mut Formatter) -> fmt::Result {
+        write!(f, "{} of {:?} in {:?}", self.name, self.covers, self.place)
+    }
+}
+
+impl Check {
+    /// The check of that name; `None` for an unknown name.
+    pub fn new(name: &str, place: Place, covers: Range<usize>) -> Option<Check> {
+        let crc = CATALOGUE.iter().find(|(algorithm, _)| catalogue_name(algorithm) == name);
+        let (_, engine) = crc.or_else(|| SUMS.iter().find(|(sum, _)| *sum == name))?;
+        Some(Check { name: name.to_owned(), engine: Arc::new(engine()), place, covers, pad_to: 1, suffix: Vec::new() })
+    }
+
+    /// Width of the algorithm, bit; 0 for a sum, which has that of its field.
+    pub fn width(&self) -> u32 {
+        match &*self.engine {
+            Engine::Crc8(crc) => crc.algorithm.width.into(),
+            Engine::Crc16(crc) => crc.algorithm.width.into(),
+            Engine::Crc32(crc) => crc.algorithm.width.into(),
+            Engine::Sum | Engine::NegatedSum | Engine::Xor => 0,
+        }
+    }
+
+    /// The parts of the covered bytes: before the check, after it, zeros, and the suffix.
+    fn parts<'a>(&'a self, bytes: &'a [u8]) -> [&'a [u8]; 4] {
+        const ZEROS: [u8; 16] = [0; 16];
+        let Range { start, end } = self.covers;
+        let before = &bytes[start.min(self.place.at)..self.place.at.min(end)];
+        let before = if start > self.place.at { &[] } else { before };
+        let after = if end > self.place.end() { &bytes[start.max(self.place.end())..end] } else { &[] };
+        let length = before.len() + after.len();
+        [before, after, &ZEROS[..length.next_multiple_of(self.pad_to) - length], &self.suffix]
+    }
+
+    /// The check value of these bytes of a frame.
+    #[inline]
+    pub fn value(&self, bytes: &[u8]) -> u64 {
+        let parts = self.parts(bytes);
+        let all = || parts.iter().flat_map(|part| part.iter());
+        let sum = || all().fold(0u64, |sum, byte| sum + u64::from(*byte));
+        macro_rules! digest {
+            ($crc:expr) => {{
+                let mut digest = $crc.digest();
+                parts.iter().for_each(|part| digest.update(part));
+                digest.finalize().into()
+            }};
+        }
+        match &*self.engine {
+            Engine::Crc8(crc) => digest!(crc),
+            Engine::Crc16(crc) => digest!(crc),
+            Engine::Crc32(crc) => digest!(crc),
+            Engine::Sum => sum(),
+            Engine::NegatedSum => sum().wrapping_neg(),
+            Engine::Xor => all().fold(0, |xor, byte| xor ^ u64::from(*byte)),
+        }
+    }
+
+    /// Writes the check value of a frame.
+    pub fn write(&self, bytes: &mut [u8]) {
+        let value = self.value(bytes);
+        self.place.write_bits(value, bytes);
+    }
+
+    /// True if the frame has its check value.
+    #[inline]
+    pub fn holds(&self, bytes: &[u8]) -> bool {
+        let mask = u64::MAX >> (64 - self.place.bits);
+        self.place.read_bits(bytes) == self.value(bytes) & mask
+    }
+
+    /// Largest padding, byte.
+    pub const MAX_PADDING: usize = 16;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::layout::Number;
+
+    fn check(name: &str, number: &str, at: usize, covers: Range<usize>) -> Check {
+        Check::new(name, Place::bytes(at, Number::from_name(number).unwrap()), covers).unwrap()
+    }
+
+    #[test]
+    fn algorithms_agree_with_the_published_check_values() {
+        // The check values of the catalogue for "123456789".
+        for (name, number, expected) in [
+            ("CRC-8/SAE-J1850", "u8", 0x4B),
+            ("CRC-8/AUTOSAR", "u8", 0xDF),
+            ("CRC-16/IBM-3740", "u16be", 0x29B1),
+            ("CRC-16/MODBUS", "u16le", 0x4B37),
+            ("CRC-24/OPENPGP", "u24be", 0x21_CF02),
+            ("CRC-32/MPEG-2", "u32be", 0x0376_E6E7),
+            ("CRC-32/ISO-HDLC", "u32le", 0xCBF4_3926),
+            ("xor", "u8", 0x31),
+            ("sum", "u16be", 0x1DD),
+        ] {
+            assert_eq!(check(name, number, 9, 0..9).value(b"123456789"), expected, "{name}");
+        }
+        assert!(Check::new("CRC-32/MPEG2", check("xor", "u8", 0, 0..0).place, 0..1).is_none());
+        assert_eq!(check_names().iter().filter(|name| name.starts_with("CRC-16/")).count(), 31);
+    }
+
+    #[test]
+    fn zeros_and_a_suffix_are_covered_and_the_check_itself_is_not() {
+        let mut padded = check("CRC-32/MPEG-2", "u32be", 9, 0..9);
+        padded.pad_to = 4;
+        assert_eq!(
+            padded.value(b"123456789----"),
+            check("CRC-32/MPEG-2", "u32be", 12, 0..12).value(b"123456789\0\0\0")
+        );
+        let mut first = check("CRC-8/SAE-J1850", "u8", 0, 0..8);
+        assert_eq!(first.value(b"-3456789"), check("CRC-8/SAE-J1850", "u8", 7, 0..7).value(b"3456789"));
+        first.suffix = vec![b'0'];
+        assert_eq!(first.value(b"-3456789"), check("CRC-8/SAE-J1850", "u8", 8, 0..8).value(b"34567890"));
+        let middle = check("xor", "u8", 2, 0..4);
+        let mut bytes = [1, 2, 0, 4];
+        assert!(!middle.holds(&bytes));
+        middle.write(&mut bytes);
+        assert!(middle.holds(&bytes) && bytes[2] == 7);
+        let negated = check("negated-sum", "u8", 4, 0..4);
+        assert_eq!(negated.value(&[1, 2, 3, 250]) as u8, 0);
+    }
+}

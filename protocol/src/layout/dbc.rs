@@ -1,0 +1,112 @@
+//! Messages and signals of a CAN database (DBC).
+
+use can_dbc::{ByteOrder, Dbc, MessageId, MultiplexIndicator, SignalExtendedValueType, ValueType};
+
+use super::number::{Coding, Place};
+
+/// The messages of a database.
+#[derive(Debug, Clone)]
+pub struct Database {
+    pub messages: Vec<DatabaseMessage>,
+}
+
+/// A message of a database.
+#[derive(Debug, Clone)]
+pub struct DatabaseMessage {
+    pub name: String,
+    pub id: u32,
+    /// True for an identifier of 29 bits.
+    pub is_extended: bool,
+    /// Length, byte.
+    pub length: usize,
+    pub signals: Vec<DatabaseSignal>,
+}
+
+/// A signal of a message.
+#[derive(Debug, Clone)]
+pub struct DatabaseSignal {
+    pub name: String,
+    /// `None` for more than 8 bytes, or outside of the message.
+    pub place: Option<Place>,
+    pub scale: f64,
+    pub offset: f64,
+    /// Unit, as the database has it.
+    pub unit: String,
+    /// Number that is sent where nothing else is known.
+    pub start: f64,
+    pub role: SignalRole,
+}
+
+/// Part of a signal in multiplexing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SignalRole {
+    Plain,
+    /// Selects the signals of a frame.
+    Selector,
+    /// In the frames with this number of the selector.
+    Selected(u64),
+}
+
+impl Database {
+    /// Reads a database.
+    ///
+    /// # Errors
+    /// Text that is none, in words.
+    pub fn parse(text: &str) -> Result<Database, String> {
+        let database = Dbc::try_from(text).map_err(|error| error.to_string().replace('\n', " "))?;
+        let message = |message: &can_dbc::Message| {
+            let (id, is_extended) = match message.id {
+                MessageId::Standard(id) => (u32::from(id), false),
+                MessageId::Extended(id) => (id, true),
+            };
+            let length = message.size as usize;
+            let signals = message.signals.iter().map(|signal| {
+                let kind = database.extended_value_type_for_signal(message.id, &signal.name);
+                let coding = match (kind, signal.value_type) {
+                    (Some(SignalExtendedValueType::IEEEfloat32Bit | SignalExtendedValueType::IEEEdouble64bit), _) => {
+                        Coding::Float
+                    }
+                    (_, ValueType::Signed) => Coding::Signed,
+                    (_, ValueType::Unsigned) => Coding::Unsigned,
+                };
+                let is_little_endian = signal.byte_order == ByteOrder::LittleEndian;
+                let place = Place::signal(signal.start_bit as usize, signal.size as usize, is_little_endian, coding);
+                let start = database.resolved_signal_attribute(message.id, &signal.name, "GenSigStartValue");
+                DatabaseSignal {
+                    name: signal.name.clone(),
+                    place: place.filter(|place| place.end() <= length && is_width(place)),
+                    scale: signal.factor,
+                    offset: signal.offset,
+                    unit: signal.unit.clone(),
+                    start: start.and_then(number).unwrap_or_default(),
+                    role: match signal.multiplexer_indicator {
+                        MultiplexIndicator::Plain => SignalRole::Plain,
+                        MultiplexIndicator::Multiplexor => SignalRole::Selector,
+                        MultiplexIndicator::MultiplexedSignal(number)
+                        | MultiplexIndicator::MultiplexorAndMultiplexedSignal(number) => SignalRole::Selected(number),
+                    },
+                }
+            });
+            DatabaseMessage { name: message.name.clone(), id, is_extended, length, signals: signals.collect() }
+        };
+        Ok(Database { messages: database.messages.iter().map(message).collect() })
+    }
+}
+
+/// True for a width that a number can have.
+fn is_width(place: &Place) -> bool {
+    match place.coding {
+        Coding::Float => matches!(place.bits, 32 | 64),
+        _ => true,
+    }
+}
+
+/// The number of an attribute, where it is one.
+fn number(value: &can_dbc::AttributeValue) -> Option<f64> {
+    match value {
+        can_dbc::AttributeValue::Uint(value) => Some(*value as f64),
+        can_dbc::AttributeValue::Int(value) => Some(*value as f64),
+        can_dbc::AttributeValue::Double(value) => Some(*value),
+        can_dbc::AttributeValue::String(_) => None,
+    }
+}

@@ -1,0 +1,190 @@
+//! A frame: constants, fields and check values at fixed places.
+
+use super::check::Check;
+use super::number::Place;
+
+/// A number that a frame carries.
+#[derive(Debug, Clone)]
+pub struct Field {
+    /// Place of its value in a sample.
+    pub slot: usize,
+    pub place: Place,
+    /// Value of one unit of the number: `scale`, or 1 / `divisor` where that is exact.
+    scale: f64,
+    divisor: f64,
+    /// Value of the number 0.
+    offset: f64,
+}
+
+impl Field {
+    /// A field with the number as its value.
+    pub fn new(slot: usize, place: Place) -> Field {
+        Field { slot, place, scale: 1.0, divisor: 1.0, offset: 0.0 }
+    }
+
+    /// The same with another scale and offset. A scale such as 0.005 divides by 200, so that values are the nearest to their decimals.
+    pub fn scaled(self, scale: f64, offset: f64) -> Field {
+        let divisor = (1.0 / scale).round();
+        match divisor.abs() > 1.0 && 1.0 / divisor == scale {
+            true => Field { scale: 1.0, divisor, offset, ..self },
+            false => Field { scale, divisor: 1.0, offset, ..self },
+        }
+    }
+
+    /// Value of one unit of the number.
+    pub fn scale(&self) -> f64 {
+        self.scale / self.divisor
+    }
+
+    /// Value of the number 0.
+    pub fn offset(&self) -> f64 {
+        self.offset
+    }
+
+    #[inline]
+    fn read(&self, bytes: &[u8]) -> f64 {
+        self.place.read(bytes) * self.scale / self.divisor + self.offset
+    }
+
+    #[inline]
+    fn write(&self, value: f64, bytes: &mut [u8]) {
+        self.place.write((value - self.offset) * self.divisor / self.scale, bytes);
+    }
+
+    /// Smallest and largest value.
+    pub fn limits(&self) -> (f64, f64) {
+        let (low, high) = self.place.limits();
+        let value = |number: f64| number * self.scale() + self.offset;
+        (value(low).min(value(high)), value(low).max(value(high)))
+    }
+}
+
+/// A frame on a serial line, or a message on CAN.
+#[derive(Debug, Clone)]
+pub struct Frame {
+    pub name: String,
+    /// Identifier on CAN; true if it has 29 bits.
+    pub id: Option<(u32, bool)>,
+    /// Number of samples from one such frame to the next.
+    pub every: u32,
+    /// Bytes before the fields are written: constants, and values of what this product does not carry.
+    template: Vec<u8>,
+    /// Bits of the template that a frame must have.
+    required: Vec<u8>,
+    pub fields: Vec<Field>,
+    pub checks: Vec<Check>,
+}
+
+impl Frame {
+    /// A frame of zeros, sent with every sample.
+    pub fn new(name: &str, length: usize) -> Frame {
+        Frame {
+            name: name.to_owned(),
+            id: None,
+            every: 1,
+            template: vec![0; length],
+            required: vec![0; length],
+            fields: Vec::new(),
+            checks: Vec::new(),
+        }
+    }
+
+    /// Length, byte.
+    pub fn length(&self) -> usize {
+        self.template.len()
+    }
+
+    /// Requires these bytes.
+    pub fn set_constant(&mut self, at: usize, bytes: &[u8]) {
+        self.set_ignored(at, bytes);
+        self.required[at..at + bytes.len()].fill(0xFF);
+    }
+
+    /// Sends these bytes, and ignores them when they are read.
+    pub fn set_ignored(&mut self, at: usize, bytes: &[u8]) {
+        self.template[at..at + bytes.len()].copy_from_slice(bytes);
+    }
+
+    /// Sends this number, and ignores it when it is read.
+    pub fn set_number(&mut self, place: Place, number: f64) {
+        place.write(number, &mut self.template);
+    }
+
+    /// Requires these bits.
+    pub fn set_selector(&mut self, place: Place, bits: u64) {
+        place.write_bits(bits, &mut self.template);
+        place.write_bits(u64::MAX, &mut self.required);
+    }
+
+    /// Constant bytes at the start.
+    pub fn start(&self) -> &[u8] {
+        let length = self.required.iter().take_while(|required| **required == 0xFF).count();
+        &self.template[..length]
+    }
+
+    /// Appends the frame of a sample.
+    pub fn write(&self, values: &[f64], out: &mut Vec<u8>) {
+        let start = out.len();
+        out.extend_from_slice(&self.template);
+        let bytes = &mut out[start..];
+        self.fields.iter().for_each(|field| field.write(values[field.slot], bytes));
+        self.checks.iter().for_each(|check| check.write(bytes));
+    }
+
+    /// True if the bytes have the frame's length and constants.
+    #[inline]
+    pub fn has_constants(&self, bytes: &[u8]) -> bool {
+        let wrong = |((byte, own), required): ((&u8, &u8), &u8)| (byte ^ own) & required != 0;
+        bytes.len() == self.template.len() && !bytes.iter().zip(&self.template).zip(&self.required).any(wrong)
+    }
+
+    /// True if all check values are right.
+    #[inline]
+    pub fn checks_hold(&self, bytes: &[u8]) -> bool {
+        self.checks.iter().all(|check| check.holds(bytes))
+    }
+
+    /// Reads the fields of a frame of the right length.
+    #[inline]
+    pub fn read(&self, bytes: &[u8], values: &mut [f64]) {
+        self.fields.iter().for_each(|field| values[field.slot] = field.read(bytes));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::layout::Number;
+
+    #[test]
+    fn values_of_a_decimal_scale_are_the_nearest_to_their_decimals() {
+        let place = Place::bytes(0, Number::from_name("u16be").unwrap());
+        let field = Field::new(0, place).scaled(0.005, -163.84);
+        assert_eq!((field.divisor, field.scale()), (200.0, 0.005));
+        for number in 0..=u16::MAX {
+            let bytes = number.to_be_bytes();
+            let mut again = [0; 2];
+            field.write(field.read(&bytes), &mut again);
+            assert_eq!(again, bytes);
+        }
+        let plain = Field::new(0, place).scaled(0.005, 0.0);
+        assert_eq!(plain.read(&[0, 70]), 0.35);
+        assert_eq!(Field::new(0, place).scaled(-2.5, 0.0).read(&[0, 2]), -5.0);
+        assert_eq!(field.limits(), (-163.84, 65535.0 * 0.005 - 163.84));
+    }
+
+    #[test]
+    fn a_required_bit_is_required_and_an_ignored_byte_is_not() {
+        let mut frame = Frame::new("F", 3);
+        frame.set_constant(0, &[0xA5]);
+        frame.set_ignored(1, &[7]);
+        frame.set_selector(Place::bytes(2, Number::from_name("u8").unwrap()).bits_of(0, 4), 3);
+        assert_eq!(frame.start(), [0xA5]);
+        let mut bytes = Vec::new();
+        frame.write(&[], &mut bytes);
+        assert_eq!(bytes, [0xA5, 7, 3]);
+        assert!(frame.has_constants(&[0xA5, 9, 0xF3]));
+        assert!(!frame.has_constants(&[0xA5, 7, 2]) && !frame.has_constants(&[0xA4, 7, 3]));
+        assert!(!frame.has_constants(&[0xA5, 7]));
+    }
+}

@@ -1,0 +1,143 @@
+//! The frames of a layout in serial bytes.
+
+use std::sync::Arc;
+
+use super::{Frame, FrameSet};
+use crate::deframer::{Candidate, Framing};
+use crate::serial::SerialDefect;
+
+/// Finds the frames of a layout.
+#[derive(Debug, Clone)]
+pub struct SerialFrames {
+    frames: Arc<FrameSet>,
+    /// First byte of every frame, if all have one and the same.
+    first: Option<u8>,
+    /// Length of the longest frame, byte.
+    pub max_length: usize,
+}
+
+impl SerialFrames {
+    pub fn new(frames: Arc<FrameSet>) -> SerialFrames {
+        let mut firsts = frames.frames.iter().map(|frame| frame.start().first().copied());
+        let first = firsts.next().flatten().filter(|first| firsts.all(|other| other == Some(*first)));
+        let max_length = frames.frames.iter().map(Frame::length).max().unwrap_or_default();
+        SerialFrames { frames, first, max_length }
+    }
+
+    /// True if a frame may begin with these bytes.
+    fn may_begin(&self, bytes: &[u8]) -> bool {
+        self.frames.frames.iter().any(|frame| begins(frame, bytes))
+    }
+}
+
+/// True if the bytes begin with the frame's first constant, as far as they go.
+#[inline]
+fn begins(frame: &Frame, bytes: &[u8]) -> bool {
+    frame.start().iter().zip(bytes).all(|(own, byte)| own == byte)
+}
+
+impl Framing for SerialFrames {
+    /// Number of the frame.
+    type Kind = usize;
+
+    #[inline]
+    fn next(&self, bytes: &[u8]) -> usize {
+        if self.may_begin(bytes) {
+            return 0;
+        }
+        match self.first {
+            Some(first) => memchr::memchr(first, &bytes[1..]).map_or(bytes.len(), |next| next + 1),
+            None => (1..bytes.len()).find(|&at| self.may_begin(&bytes[at..])).unwrap_or(bytes.len()),
+        }
+    }
+
+    #[inline]
+    fn candidate<'a>(&self, bytes: &'a [u8]) -> Candidate<'a, usize> {
+        let (mut length, mut is_incomplete) = (0, false);
+        for (kind, frame) in self.frames.frames.iter().enumerate().filter(|(_, frame)| begins(frame, bytes)) {
+            length = length.max(frame.length());
+            match bytes.get(..frame.length()) {
+                None => is_incomplete = true,
+                Some(payload) if frame.has_constants(payload) && frame.checks_hold(payload) => {
+                    return Candidate::Frame { kind, length: payload.len(), payload };
+                }
+                Some(_) => {}
+            }
+        }
+        match is_incomplete {
+            true => Candidate::Incomplete { length },
+            false => Candidate::Rejected { defect: SerialDefect::CrcMismatch, length },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::deframer::{FrameEvent, FrameFinder};
+    use crate::layout::{Check, Field, Number, Place};
+    use proptest::prelude::*;
+
+    fn frames() -> Arc<FrameSet> {
+        let number = |at, name| Place::bytes(at, Number::from_name(name).unwrap());
+        let mut data = Frame::new("DATA", 5);
+        data.set_constant(0, &[0xA5]);
+        data.fields.push(Field::new(0, number(1, "i16be")));
+        data.checks.push(Check::new("CRC-16/XMODEM", number(3, "u16be"), 0..3).unwrap());
+        let mut slow = Frame::new("SLOW", 4);
+        slow.set_constant(0, &[0xA5, 0x5A]);
+        slow.fields.push(Field::new(1, number(2, "u8")));
+        slow.checks.push(Check::new("sum", number(3, "u8"), 0..3).unwrap());
+        Arc::new(FrameSet { frames: vec![data, slow], values: Vec::new(), sequence: (1, 1) })
+    }
+
+    /// Places and numbers of frames, and number of skipped bytes.
+    fn found(chunks: &[&[u8]]) -> (Vec<(u64, usize)>, u64) {
+        let (mut frames_found, mut skipped) = (Vec::new(), 0);
+        let mut sink = |event: FrameEvent<usize>| match event {
+            FrameEvent::Frame { at, kind, .. } => frames_found.push((at, kind)),
+            FrameEvent::Skipped { length, .. } => skipped += length,
+            FrameEvent::Rejected { .. } => {}
+        };
+        let (mut finder, mut buffer) = (FrameFinder::new(SerialFrames::new(frames())), Vec::new());
+        for chunk in chunks {
+            buffer.extend_from_slice(chunk);
+            let used = finder.consume(&buffer, &mut sink);
+            buffer.drain(..used);
+            assert!(buffer.len() < finder.framing().max_length);
+        }
+        finder.finish(&buffer, &mut sink);
+        (frames_found, skipped)
+    }
+
+    #[test]
+    fn frames_of_several_lengths_are_told_by_their_checks() {
+        let frames = frames();
+        let mut bytes = vec![0xA5, 0x5A];
+        frames.frames[1].write(&[0.0, 9.0], &mut bytes);
+        frames.frames[0].write(&[23130.0, 0.0], &mut bytes);
+        assert_eq!(bytes[6..8], [0xA5, 0x5A]);
+        assert_eq!(found(&[&bytes]), (vec![(2, 1), (6, 0)], 2));
+    }
+
+    proptest! {
+        #[test]
+        fn any_chunks_give_the_same_frames_and_every_byte_is_accounted_for(
+            parts in proptest::collection::vec(prop_oneof![
+                proptest::collection::vec(prop_oneof![Just(0xA5u8), Just(0x5A), any::<u8>()], 0..12).prop_map(|bytes| (None, bytes)),
+                (0usize..2, -300i16..300).prop_map(|(kind, value)| {
+                    let mut bytes = Vec::new();
+                    frames().frames[kind].write(&[value.into(), value.into()], &mut bytes);
+                    (Some(kind), bytes)
+                }),
+            ], 0..20),
+            length in 1usize..9,
+        ) {
+            let bytes: Vec<u8> = parts.iter().flat_map(|(_, bytes)| bytes.iter().copied()).collect();
+            let (whole, skipped) = found(&[&bytes]);
+            prop_assert_eq!(&(whole.clone(), skipped), &found(&bytes.chunks(length).collect::<Vec<_>>()));
+            let framed: usize = whole.iter().map(|(_, kind)| 5 - kind).sum();
+            prop_assert_eq!(framed as u64 + skipped, bytes.len() as u64);
+        }
+    }
+}
