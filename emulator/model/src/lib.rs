@@ -14,6 +14,7 @@
 
 pub mod attitude;
 pub mod configuration;
+pub mod device;
 pub mod effect;
 pub mod fault;
 mod gyro_unit;

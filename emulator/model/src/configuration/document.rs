@@ -95,6 +95,11 @@ fn around(line: &str, place: usize) -> (String, usize) {
     (format!("{before}{}{after}", &line[from..to]), indent)
 }
 
+/// A finite number.
+fn real(value: &toml_edit::Value) -> Option<f64> {
+    value.as_float().or_else(|| value.as_integer().map(|value| value as f64)).filter(|value| value.is_finite())
+}
+
 #[derive(Clone)]
 pub struct Node<'a> {
     source: &'a ConfigText,
@@ -323,19 +328,25 @@ impl<'a> Node<'a> {
             .collect())
     }
 
+    /// The numbers of the list under `key`.
+    ///
+    /// # Errors
+    /// Something else than a list of numbers.
+    pub fn reals(&self, key: &str) -> Read<Vec<f64>> {
+        let numbers = self.table.get(key).and_then(Item::as_array).and_then(|array| array.iter().map(real).collect());
+        numbers.ok_or_else(|| self.unexpected(key, "a list of numbers"))
+    }
+
     /// The pairs of numbers of the list under `key`.
     ///
     /// # Errors
     /// Something else than a list of pairs of numbers.
     pub fn pairs(&self, key: &str) -> Read<Vec<(f64, f64)>> {
         let Some(item) = self.table.get(key) else { return Ok(Vec::new()) };
-        let number = |value: &toml_edit::Value| {
-            value.as_float().or_else(|| value.as_integer().map(|value| value as f64)).filter(|value| value.is_finite())
-        };
         let pairs = item.as_array().and_then(|array| {
             array
                 .iter()
-                .map(|pair| match pair.as_array()?.iter().map(number).collect::<Option<Vec<f64>>>()?.as_slice() {
+                .map(|pair| match pair.as_array()?.iter().map(real).collect::<Option<Vec<f64>>>()?.as_slice() {
                     [a, b] => Some((*a, *b)),
                     _ => None,
                 })

@@ -1,0 +1,216 @@
+//! The description of a unit: heads, output, interval, and what it says on a serial line, on CAN and in tables.
+//!
+//! The units of `configs/devices` are known by their names. Every error of a description points at its place.
+//!
+//! ```
+//! use geu_model::device::Device;
+//! let device = Device::named("stim300").unwrap();
+//! assert_eq!(device.heads.iter().map(|head| head.name.as_str()).collect::<Vec<_>>(), ["X", "Y", "Z"]);
+//! ```
+
+mod can;
+mod fields;
+mod serial;
+
+use std::path::Path;
+
+use geu_protocol::layout::FrameSet;
+use geu_protocol::suggestion::did_you_mean;
+
+use crate::configuration::{ConfigText, ConfigurationError, Node};
+use crate::parameter_spec::ValueFormat;
+
+pub use can::CanWire;
+pub use serial::SerialWire;
+
+/// Largest number of heads.
+pub const MAX_HEADS: usize = 8;
+/// Deviation of a product of unit vectors from 0 up to which they are perpendicular.
+const PERPENDICULAR: f64 = 1e-6;
+
+/// Meaning of a head's output.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Output {
+    /// Angle since the sample before.
+    Increment,
+    /// Mean rate over the sample interval.
+    Rate,
+}
+
+/// One gyro of a unit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Head {
+    pub name: String,
+    /// Input axis, a unit vector of the unit's frame.
+    pub input: [f64; 3],
+    /// Output axis of a gyro with a float or gimbal.
+    pub output: Option<[f64; 3]>,
+}
+
+/// A unit as its description has it.
+#[derive(Debug, Clone)]
+pub struct Device {
+    pub name: String,
+    /// Documents of the numbers.
+    pub source: String,
+    /// Nominal interval of samples, on-board time, s.
+    pub interval_s: f64,
+    pub output: Output,
+    /// Largest rate, arcsec/s; outputs beyond it are clipped.
+    pub range_arcsec_s: f64,
+    pub heads: Vec<Head>,
+    pub serial: Option<SerialWire>,
+    pub can: Option<CanWire>,
+}
+
+/// Declares the units of `configs/devices`: name, description, and the files that the description names.
+macro_rules! devices {
+    ($($name:literal [$($file:literal)*];)*) => {
+        /// Names and descriptions of the units that are known by name.
+        pub const DEVICES: &[(&str, &str)] =
+            &[$(($name, include_str!(concat!("../../../../configs/devices/", $name, ".toml")))),*];
+        /// Files that these descriptions name.
+        const FILES: &[(&str, &str)] =
+            &[$($(($file, include_str!(concat!("../../../../configs/devices/", $file))),)*)*];
+    };
+}
+
+devices! {
+    "kvh-1750" [];
+    "mm5.10" ["mm5.10.dbc"];
+    "openimu300ri" ["openimu300ri.dbc"];
+    "stim300" [];
+    "stim300-increment" [];
+    "tetrad" [];
+}
+
+/// Reads a file that a description names; its name, or why it cannot be read.
+type Files<'a> = &'a dyn Fn(&str) -> Result<String, String>;
+
+impl Device {
+    /// The unit of that name; `None` if there is none.
+    ///
+    /// # Panics
+    /// Never: every known description is read by a test.
+    pub fn named(name: &str) -> Option<Device> {
+        let (name, text) = DEVICES.iter().find(|(own, _)| *own == name)?;
+        let files = |file: &str| {
+            let known = FILES.iter().find(|(own, _)| *own == file);
+            known.map(|(_, text)| (*text).to_owned()).ok_or_else(|| "no such file".to_owned())
+        };
+        let device = Device::parse(&format!("{name}.toml"), text, &files);
+        Some(device.unwrap_or_else(|error| panic!("{error}")))
+    }
+
+    /// Reads a description; errors call it `name`. Files that it names are beside it.
+    ///
+    /// # Errors
+    /// The description is not valid, with its place.
+    pub fn read(path: &Path, text: &str) -> Result<Device, ConfigurationError> {
+        let beside = |file: &str| {
+            let path = path.with_file_name(file);
+            std::fs::read_to_string(&path).map_err(|error| error.to_string())
+        };
+        Device::parse(&path.display().to_string(), text, &beside)
+    }
+
+    fn parse(name: &str, text: &str, files: Files) -> Result<Device, ConfigurationError> {
+        let document = ConfigText::parse(name, text)?;
+        let root = document.root();
+        root.only(&["device"])?;
+        let node = root.table("device")?;
+        let node = node.ok_or_else(|| root.error("device", "expected a table [device], got none".to_owned()))?;
+        node.only(&["name", "source", "interval_s", "output", "range_arcsec_s", "head", "serial", "can"])?;
+        let heads = node.tables("head")?;
+        let heads = heads.iter().map(head).collect::<Result<Vec<_>, _>>()?;
+        if heads.is_empty() || heads.len() > MAX_HEADS {
+            let message = format!("expected 1 to {MAX_HEADS} tables [[device.head]], got {}", heads.len());
+            return Err(node.error("head", message));
+        }
+        for (index, head) in heads.iter().enumerate() {
+            if heads[..index].iter().any(|other| other.name == head.name) {
+                return Err(node.error("head", format!("expected heads of different names, got {} twice", head.name)));
+            }
+        }
+        let output = match node.choice("output", &["increment", "rate"])? {
+            "rate" => Output::Rate,
+            _ => Output::Increment,
+        };
+        let mut device = Device {
+            name: node.text("name")?.to_owned(),
+            source: node.text("source")?.to_owned(),
+            interval_s: positive(&node, "interval_s", 1e-5, 1e4)?,
+            output,
+            range_arcsec_s: positive(&node, "range_arcsec_s", 1e-3, 1e9)?,
+            heads,
+            serial: None,
+            can: None,
+        };
+        device.serial = node.table("serial")?.map(|serial| SerialWire::read(&serial, &device)).transpose()?;
+        device.can = node.table("can")?.map(|can| CanWire::read(&can, &device, files)).transpose()?;
+        if device.serial.is_none() && device.can.is_none() {
+            return Err(node.error("serial", "expected a table [device.serial] or [device.can], got none".to_owned()));
+        }
+        Ok(device)
+    }
+
+    /// The head of that name.
+    ///
+    /// # Errors
+    /// There is none: the message.
+    fn head(&self, name: &str) -> Result<usize, String> {
+        self.heads.iter().position(|head| head.name == name).ok_or_else(|| {
+            let names: Vec<&str> = self.heads.iter().map(|head| head.name.as_str()).collect();
+            format!("{}expected a head, one of {}, got {name}", did_you_mean(name, &names), names.join(", "))
+        })
+    }
+
+    /// Refuses a link that does not carry the output of every head.
+    fn carries_all(&self, frames: &FrameSet, node: &Node, key: &str) -> Result<(), ConfigurationError> {
+        use geu_protocol::layout::Quantity::Output;
+        match (0..self.heads.len()).find(|head| frames.slot(&Output(*head)).is_none()) {
+            Some(head) => {
+                let name = &self.heads[head].name;
+                Err(node.error(key, format!("expected a field for each head, got none for head {name}")))
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+fn positive(node: &Node, key: &str, min: f64, max: f64) -> Result<f64, ConfigurationError> {
+    let expected = format!("a number from {min} to {max}");
+    node.value(key, ValueFormat::Real, min, max)?.ok_or_else(|| node.unexpected(key, &expected))
+}
+
+fn head(node: &Node) -> Result<Head, ConfigurationError> {
+    node.only(&["name", "input", "output"])?;
+    let axis = |key: &str| -> Result<[f64; 3], ConfigurationError> {
+        let expected = "a direction, three numbers that are not all 0,";
+        let axis = <[f64; 3]>::try_from(node.reals(key)?).map_err(|_| node.unexpected(key, expected))?;
+        let length = axis.iter().map(|part| part * part).sum::<f64>().sqrt();
+        match length.is_normal() {
+            true => Ok(axis.map(|part| part / length)),
+            false => Err(node.unexpected(key, expected)),
+        }
+    };
+    let input = axis("input")?;
+    let output = node.keys().contains(&"output").then(|| axis("output")).transpose()?;
+    if let Some(output) = output {
+        let product: f64 = input.iter().zip(output).map(|(a, b)| a * b).sum();
+        if product.abs() > PERPENDICULAR {
+            return Err(node.unexpected("output", "an axis perpendicular to the input axis"));
+        }
+    }
+    let name = node.text("name")?;
+    let is_name = |name: &str| {
+        (1..=16).contains(&name.len()) && name.chars().all(|letter| letter.is_ascii_alphanumeric() || letter == '_')
+    };
+    match is_name(name) {
+        true => Ok(Head { name: name.to_owned(), input, output }),
+        false => Err(node.unexpected("name", "a name of 1 to 16 letters, digits and underscores")),
+    }
+}
+
+#[cfg(test)]
+mod tests;
