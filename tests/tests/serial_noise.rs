@@ -2,7 +2,7 @@
 
 use geu_protocol::serial::{MAX_FRAME, SYNC, SerialDefect, data_frame};
 use geu_protocol::{CLOCK_PER_SAMPLE, Sample};
-use geu_recording::{Decoder, DecoderOptions, Defect, DefectKind, ReceivedSample, Sink};
+use geu_recording::{Decode, Decoder, DecoderOptions, Defect, DefectKind, ReceivedSample, Sink};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 

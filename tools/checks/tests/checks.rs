@@ -10,7 +10,7 @@ use geu_protocol::Gyro;
 use geu_protocol::capture::{Format, RecordPosition, Timestamp};
 use geu_protocol::field::unit_flag;
 use geu_recording::{
-    Decoder, DecoderOptions, Defect, DefectKind, InputReader, ReceivedSample, ReferenceAttitude, Sink, Stop,
+    Decode, Decoder, DecoderOptions, Defect, DefectKind, InputReader, ReceivedSample, ReferenceAttitude, Sink, Stop,
 };
 
 #[derive(Default)]

@@ -5,16 +5,17 @@ mod serial;
 
 use std::collections::HashMap;
 
-use geu_protocol::CanIdMap;
 use geu_protocol::can::{Assembler, AssemblerEvent, CanDefect, DefectBytes, Role};
 use geu_protocol::capture::{CaptureRecord, Format, Frame, RecordPosition, Timestamp};
 use geu_protocol::command::{COMMAND_LENGTHS, REPLY_LENGTHS};
 use geu_protocol::excerpt::excerpt;
+use geu_protocol::{CanIdMap, Gyro};
 
 use self::bus::{Bus, InterfaceSelection};
 use self::serial::Serial;
 use crate::defect::DefectKind;
-use crate::row::Sink;
+use crate::input_reader::Decode;
+use crate::row::{ReceivedSample, Sink};
 use crate::summary::{DecodeSummary, Flow};
 
 #[derive(Debug, Clone, Default)]
@@ -71,69 +72,8 @@ impl Decoder {
             known: 0,
             serial: Serial::default(),
             is_stopped: false,
-            flow: Flow::default(),
+            flow: Flow::new(Gyro::NAMES.map(str::to_owned), None),
         }
-    }
-
-    /// Starts an input.
-    pub fn begin(&mut self, name: &str, sink: &mut impl Sink) {
-        if !self.is_named {
-            self.settle(sink);
-        }
-        self.flow.begin(name);
-    }
-
-    /// The summary up to now.
-    pub fn summary(&self) -> &DecodeSummary {
-        &self.flow.summary
-    }
-
-    /// Sets the format of the present input.
-    pub fn describe(&mut self, kind: &str) {
-        if let Some((_, known)) = self.flow.summary.inputs.last_mut() {
-            kind.clone_into(known);
-        }
-    }
-
-    pub fn into_summary(self) -> DecodeSummary {
-        self.flow.summary
-    }
-
-    /// Counts records as their reader counts them; they must equal the events.
-    pub fn count_records(&mut self, records: u64) {
-        self.flow.summary.account.records += records;
-    }
-
-    /// Reads a record of a capture, or a live CAN frame.
-    #[inline]
-    pub fn event(&mut self, place: RecordPosition, event: CaptureRecord, sink: &mut impl Sink) {
-        let DecodeSummary { account, others, rows, .. } = &mut self.flow.summary;
-        match event {
-            CaptureRecord::Frame(frame) => {
-                if *rows == 0 && !frame.extended {
-                    others.push(frame.id, frame.data);
-                }
-                let role = if frame.extended { Role::Other } else { self.plan.role(frame.id) };
-                if role == Role::Other { account.other += 1 } else { self.unit_frame(role, place, &frame, sink) }
-            }
-            CaptureRecord::Remote => account.remote += 1,
-            CaptureRecord::Fd => account.fd += 1,
-            CaptureRecord::Error => account.error += 1,
-            CaptureRecord::Remark => account.remarks += 1,
-            CaptureRecord::Dropped(count) => {
-                account.remarks += 1;
-                self.dropped(place, count, sink);
-            }
-            CaptureRecord::Broken { bytes, cut } => {
-                let kind = if cut { DefectKind::CutRecord } else { DefectKind::BrokenRecord };
-                self.flow.defect(self.flow.stamp(place, None), kind, bytes, 0, sink);
-            }
-        }
-    }
-
-    /// Reports that the receiver lost `count` frames.
-    pub fn dropped(&mut self, place: RecordPosition, count: u64, sink: &mut impl Sink) {
-        self.flow.defect(self.flow.stamp(place, None), DefectKind::ReceiverDropped, &[], count, sink);
     }
 
     #[inline]
@@ -279,19 +219,65 @@ impl Decoder {
         self.buses.push(Bus { name: name.to_vec(), assembler, tally, is_proven: false });
         Some(index)
     }
+}
 
-    /// Reads serial bytes, with their receive time if it is known.
-    pub fn serial(&mut self, bytes: &[u8], time: Option<Timestamp>, sink: &mut impl Sink) {
+impl Decode for Decoder {
+    type Row = ReceivedSample;
+
+    fn begin(&mut self, name: &str, sink: &mut impl Sink) {
+        if !self.is_named {
+            self.settle(sink);
+        }
+        self.flow.begin(name);
+    }
+
+    fn summary(&mut self) -> &mut DecodeSummary {
+        &mut self.flow.summary
+    }
+
+    fn into_summary(self) -> DecodeSummary {
+        self.flow.summary
+    }
+
+    #[inline]
+    fn event(&mut self, place: RecordPosition, event: CaptureRecord, sink: &mut impl Sink) {
+        let DecodeSummary { account, others, rows, .. } = &mut self.flow.summary;
+        match event {
+            CaptureRecord::Frame(frame) => {
+                if *rows == 0 && !frame.extended {
+                    others.push(frame.id, frame.data);
+                }
+                let role = if frame.extended { Role::Other } else { self.plan.role(frame.id) };
+                if role == Role::Other { account.other += 1 } else { self.unit_frame(role, place, &frame, sink) }
+            }
+            CaptureRecord::Remote => account.remote += 1,
+            CaptureRecord::Fd => account.fd += 1,
+            CaptureRecord::Error => account.error += 1,
+            CaptureRecord::Remark => account.remarks += 1,
+            CaptureRecord::Dropped(count) => {
+                account.remarks += 1;
+                self.dropped(place, count, sink);
+            }
+            CaptureRecord::Broken { bytes, cut } => {
+                let kind = if cut { DefectKind::CutRecord } else { DefectKind::BrokenRecord };
+                self.flow.defect(self.flow.stamp(place, None), kind, bytes, 0, sink);
+            }
+        }
+    }
+
+    fn dropped(&mut self, place: RecordPosition, count: u64, sink: &mut impl Sink) {
+        self.flow.defect(self.flow.stamp(place, None), DefectKind::ReceiverDropped, &[], count, sink);
+    }
+
+    fn serial(&mut self, bytes: &[u8], time: Option<Timestamp>, sink: &mut impl Sink) {
         self.serial.read(bytes, time, &mut self.flow, sink);
     }
 
-    /// Notes that the inputs were not read to their end: an incomplete frame is then unfinished, no defect.
-    pub fn stop(&mut self) {
+    fn stop(&mut self) {
         self.is_stopped = true;
     }
 
-    /// Ends the inputs: reports the pending sample, or a cut.
-    pub fn finish(&mut self, sink: &mut impl Sink) -> &DecodeSummary {
+    fn finish(&mut self, sink: &mut impl Sink) {
         let Decoder { buses, choice, is_stopped, flow, serial, .. } = self;
         serial.finish(*is_stopped, flow, sink);
         for (index, Bus { assembler, tally, .. }) in buses.iter_mut().enumerate() {
@@ -306,6 +292,5 @@ impl Decoder {
         }
         self.settle(sink);
         self.flow.finish();
-        &self.flow.summary
     }
 }

@@ -14,6 +14,10 @@ pub enum DefectKind {
     Noise,
     /// Serial DATA with a clock that does not follow: CRC and sync may match by accident.
     ClockInconsistent,
+    /// A CAN message of a described unit with a wrong check.
+    MessageCheck,
+    /// A sample of a described unit of which a frame is missing.
+    IncompleteSample,
     /// A line or packet that does not follow its format.
     BrokenRecord,
     /// The input ends inside a line or packet.
@@ -34,6 +38,8 @@ impl DefectKind {
             DefectKind::Serial(defect) => defect.name(),
             DefectKind::Noise => "noise",
             DefectKind::ClockInconsistent => "clock-inconsistent",
+            DefectKind::MessageCheck => "check-mismatch",
+            DefectKind::IncompleteSample => "incomplete-sample",
             DefectKind::BrokenRecord => "broken-record",
             DefectKind::CutRecord => "cut-record",
             DefectKind::SequenceGap => "sequence-gap",
@@ -47,7 +53,7 @@ impl DefectKind {
     pub(crate) const fn records(self) -> u64 {
         match self {
             DefectKind::Can(defect) => defect.frames(),
-            DefectKind::BrokenRecord | DefectKind::CutRecord => 1,
+            DefectKind::BrokenRecord | DefectKind::CutRecord | DefectKind::MessageCheck => 1,
             _ => 0,
         }
     }

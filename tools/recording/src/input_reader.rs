@@ -4,7 +4,7 @@ use std::io::ErrorKind;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use geu_protocol::capture::{CaptureRecord, Detected, Format, Reader, RecordPosition, detect};
+use geu_protocol::capture::{CaptureRecord, Detected, Format, Reader, RecordPosition, Timestamp, detect};
 use geu_protocol::excerpt::excerpt;
 use geu_protocol::hex::spaced_hex;
 
@@ -47,10 +47,44 @@ impl Stop<'_> {
     }
 }
 
+/// Decodes records and bytes to rows and defects.
+pub trait Decode {
+    /// A row.
+    type Row;
+
+    /// Starts an input.
+    fn begin(&mut self, name: &str, sink: &mut impl Sink<Self::Row>);
+    /// The summary up to now.
+    fn summary(&mut self) -> &mut DecodeSummary;
+    /// Reads a record of a capture, or a live CAN frame.
+    fn event(&mut self, place: RecordPosition, event: CaptureRecord, sink: &mut impl Sink<Self::Row>);
+    /// Reports that the receiver lost `count` frames.
+    fn dropped(&mut self, place: RecordPosition, count: u64, sink: &mut impl Sink<Self::Row>);
+    /// Reads serial bytes, with their receive time if it is known.
+    fn serial(&mut self, bytes: &[u8], time: Option<Timestamp>, sink: &mut impl Sink<Self::Row>);
+    /// Notes that the inputs were not read to their end: an incomplete frame is then unfinished, no defect.
+    fn stop(&mut self);
+    /// Ends the inputs: reports what waits.
+    fn finish(&mut self, sink: &mut impl Sink<Self::Row>);
+    fn into_summary(self) -> DecodeSummary;
+
+    /// Sets the format of the present input.
+    fn describe(&mut self, kind: &str) {
+        if let Some((_, known)) = self.summary().inputs.last_mut() {
+            kind.clone_into(known);
+        }
+    }
+
+    /// Counts records as their reader counts them; they must equal the events.
+    fn count_records(&mut self, records: u64) {
+        self.summary().account.records += records;
+    }
+}
+
 /// Opens inputs and decodes them as one stream.
-pub struct InputReader<'a> {
+pub struct InputReader<'a, D = Decoder> {
     options: DecoderOptions,
-    decoder: Decoder,
+    decoder: D,
     stop: Stop<'a>,
     /// A serial recording in which a frame must be found: name, length and first bytes.
     serial: Option<(String, u64, Vec<u8>)>,
@@ -59,14 +93,21 @@ pub struct InputReader<'a> {
 impl<'a> InputReader<'a> {
     /// A reader before its first input.
     pub fn new(options: DecoderOptions, stop: Stop<'a>) -> InputReader<'a> {
-        InputReader { decoder: Decoder::new(&options), options, stop, serial: None }
+        InputReader::with(Decoder::new(&options), options, stop)
+    }
+}
+
+impl<'a, D: Decode> InputReader<'a, D> {
+    /// A reader with this decoder.
+    pub fn with(decoder: D, options: DecoderOptions, stop: Stop<'a>) -> InputReader<'a, D> {
+        InputReader { decoder, options, stop, serial: None }
     }
 
     /// Reads an input to its end. Rows before an error have been given out.
     ///
     /// # Errors
     /// [`InputError`].
-    pub fn read(&mut self, name: &str, sink: &mut impl Sink) -> Result<(), InputError> {
+    pub fn read(&mut self, name: &str, sink: &mut impl Sink<D::Row>) -> Result<(), InputError> {
         let source = open(name, self.options.baud, self.stop)?;
         sink.opened();
         self.decoder.begin(name, sink);
@@ -81,7 +122,7 @@ impl<'a> InputReader<'a> {
     ///
     /// # Errors
     /// A serial recording that was read to its end and in which no frame was found.
-    pub fn finish(mut self, sink: &mut impl Sink) -> (DecodeSummary, Result<(), InputError>) {
+    pub fn finish(mut self, sink: &mut impl Sink<D::Row>) -> (DecodeSummary, Result<(), InputError>) {
         let is_stopped = self.stop.is_due();
         if is_stopped {
             self.decoder.stop();
@@ -102,7 +143,7 @@ impl<'a> InputReader<'a> {
         self.stop.is_due()
     }
 
-    fn is_done(&self, sink: &impl Sink) -> bool {
+    fn is_done(&self, sink: &impl Sink<D::Row>) -> bool {
         self.stop.is_due() || sink.is_closed()
     }
 
@@ -111,7 +152,7 @@ impl<'a> InputReader<'a> {
         name: &str,
         Unpacked { mut reader, container }: Unpacked,
         is_live: bool,
-        sink: &mut impl Sink,
+        sink: &mut impl Sink<D::Row>,
     ) -> Result<(), InputError> {
         let (mut buffer, mut filled, mut offset) = (vec![0; CHUNK], 0, 0u64);
         let mut target = self.options.format.map(|format| self.target(format));
@@ -203,7 +244,7 @@ impl<'a> InputReader<'a> {
         }
     }
 
-    fn port(&mut self, name: &str, mut port: SerialPort, sink: &mut impl Sink) -> Result<(), InputError> {
+    fn port(&mut self, name: &str, mut port: SerialPort, sink: &mut impl Sink<D::Row>) -> Result<(), InputError> {
         self.decoder.describe("live serial");
         let (mut buffer, mut offset) = ([0; 4096], 0);
         while !self.is_done(sink) {
@@ -222,7 +263,7 @@ impl<'a> InputReader<'a> {
         Ok(())
     }
 
-    fn socket(&mut self, name: &str, mut socket: CanSocket, sink: &mut impl Sink) -> Result<(), InputError> {
+    fn socket(&mut self, name: &str, mut socket: CanSocket, sink: &mut impl Sink<D::Row>) -> Result<(), InputError> {
         self.decoder.describe("live CAN");
         let mut frames = 0;
         while !self.is_done(sink) {
@@ -270,7 +311,7 @@ enum Target {
 }
 
 impl Target {
-    fn consume(&mut self, bytes: &[u8], decoder: &mut Decoder, sink: &mut impl Sink) -> usize {
+    fn consume<D: Decode>(&mut self, bytes: &[u8], decoder: &mut D, sink: &mut impl Sink<D::Row>) -> usize {
         match self {
             Target::Capture { reader, frames, .. } => reader.read(bytes, false, &mut |place, event| {
                 *frames += u64::from(!matches!(event, CaptureRecord::Remark));
@@ -289,12 +330,12 @@ impl Target {
     }
 
     /// Reads the last bytes, which may end inside a record if stopped. Returns the content in words if it has no record.
-    fn finish(
+    fn finish<D: Decode>(
         &mut self,
         bytes: &[u8],
         is_stopped: bool,
-        decoder: &mut Decoder,
-        sink: &mut impl Sink,
+        decoder: &mut D,
+        sink: &mut impl Sink<D::Row>,
     ) -> Option<String> {
         match self {
             Target::Capture { reader, frames, cut, .. } => {

@@ -4,7 +4,7 @@
 //! a [`Sink`] and keeps the [`DecodeSummary`]. Memory is constant for inputs of any length.
 //!
 //! ```
-//! use geu_recording::{Decoder, Defect, DecoderOptions, ReceivedSample, Sink};
+//! use geu_recording::{Decode, Decoder, Defect, DecoderOptions, ReceivedSample, Sink};
 //! use geu_protocol::capture::Format;
 //!
 //! #[derive(Default)]
@@ -24,9 +24,9 @@
 //! let mut reader = Format::from_name("candump").unwrap().reader().unwrap();
 //! reader.read(log, true, &mut |position, record| decoder.event(position, record, &mut rows));
 //! decoder.count_records(reader.records());
-//! let summary = decoder.finish(&mut rows);
+//! decoder.finish(&mut rows);
 //! assert_eq!(rows.0[0].sample.increments, [-2, -2, 5, 5]);
-//! assert!(summary.account.adds_up());
+//! assert!(decoder.into_summary().account.adds_up());
 //! ```
 
 mod account;
@@ -37,6 +37,7 @@ mod command_link;
 mod csv_table;
 mod decoder;
 mod defect;
+mod device_decoder;
 mod gyro_csv;
 mod input;
 mod input_reader;
@@ -56,16 +57,17 @@ pub use command_link::{CommandLink, POLL};
 pub use csv_table::{CsvTable, TableError};
 pub use decoder::{Decoder, DecoderOptions};
 pub use defect::{Defect, DefectKind, place_text};
+pub use device_decoder::DeviceDecoder;
 pub use gyro_csv::{
     GyroColumn, GyroCsv, GyroCsvDefect, GyroCsvDefectKind, GyroCsvError, GyroCsvSpec, GyroCsvSummary as GyroCsvAccount,
     RateColumn, RateSample, ReferenceTable,
 };
 pub use input::{InputError, is_live};
-pub use input_reader::{InputReader, Stop};
+pub use input_reader::{Decode, InputReader, Stop};
 pub use no_rows::no_rows_reason;
 pub use others::Others;
 pub use rate_table::{RateRow, RateTable};
 pub use reference::{REFERENCE, ReferenceAttitude};
-pub use row::{ReceivedSample, Sink};
+pub use row::{DeviceSample, ReceivedSample, Sink};
 pub use summary::DecodeSummary;
 pub use text::{RowLines, RowReader, Table, open_rows, read_text};

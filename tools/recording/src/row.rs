@@ -27,8 +27,19 @@ impl ReceivedSample {
     }
 }
 
+/// One sample of a described unit as it was received.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct DeviceSample {
+    /// Receive time, if known.
+    pub time: Option<Timestamp>,
+    /// Number of the sample, missing ones counted, from 0.
+    pub number: u64,
+    /// Values in the order of [`geu_protocol::layout::FrameSet::values`]; `NaN` where no frame had it.
+    pub values: Vec<f64>,
+}
+
 /// Receives rows and defects in their order.
-pub trait Sink {
+pub trait Sink<R = ReceivedSample> {
     /// Called when an input is open, before its first record.
     fn opened(&mut self) {}
     /// Called with every record of a capture, before its row or defect.
@@ -36,7 +47,7 @@ pub trait Sink {
     fn record(&mut self, _event: &CaptureRecord) {}
     /// Called with the bytes of a serial recording, before their rows and defects.
     fn bytes(&mut self, _bytes: &[u8]) {}
-    fn row(&mut self, row: &ReceivedSample);
+    fn row(&mut self, row: &R);
     fn defect(&mut self, defect: &Defect);
     /// Called when a live input has nothing more for now.
     fn flush(&mut self) {}

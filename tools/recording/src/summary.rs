@@ -12,7 +12,7 @@ use crate::cadence::IntervalStatistics;
 use crate::clock_fit::ClockFit;
 use crate::defect::{Defect, DefectKind, place_text};
 use crate::others::Others;
-use crate::row::{ReceivedSample, Sink};
+use crate::row::{DeviceSample, ReceivedSample, Sink};
 
 /// Gaps that the summary lists.
 const MAX_LISTED_GAPS: usize = 20;
@@ -41,10 +41,10 @@ pub struct DecodeSummary {
     pub resets: u64,
     /// Rows without clock count and sensor temperature.
     pub without_clock: u64,
-    /// Rows in which each gyro is not valid.
-    pub invalid: [u64; 4],
-    /// Rows in which each gyro is saturated.
-    pub saturated: [u64; 4],
+    /// Name of each head, and the rows in which it is not valid, and saturated.
+    pub heads: Vec<(String, u64, u64)>,
+    /// Name of the unit, if a description was given.
+    pub device: Option<String>,
     pub polled: u64,
     /// Frames that recorder or socket lost.
     pub dropped: u64,
@@ -78,6 +78,12 @@ pub(crate) struct Flow {
 }
 
 impl Flow {
+    /// The start of the inputs of a unit with these heads.
+    pub fn new(heads: impl IntoIterator<Item = String>, device: Option<String>) -> Flow {
+        let heads = heads.into_iter().map(|name| (name, 0, 0)).collect();
+        Flow { summary: DecodeSummary { heads, device, ..DecodeSummary::default() }, ..Flow::default() }
+    }
+
     pub fn begin(&mut self, name: &str) {
         self.summary.inputs.push((name.to_owned(), String::new()));
     }
@@ -100,10 +106,10 @@ impl Flow {
         summary.is_timed |= row.is_received;
         summary.without_clock += u64::from(!row.has_clock);
         if sample.gyro_flags != 0x0F {
-            for gyro in Gyro::ALL {
+            for (gyro, (_, invalid, saturated)) in Gyro::ALL.into_iter().zip(&mut summary.heads) {
                 let bit = gyro.bit();
-                summary.invalid[gyro as usize] += u64::from(sample.gyro_flags & bit == 0);
-                summary.saturated[gyro as usize] += u64::from(sample.gyro_flags & bit << 4 != 0);
+                *invalid += u64::from(sample.gyro_flags & bit == 0);
+                *saturated += u64::from(sample.gyro_flags & bit << 4 != 0);
             }
         }
         if is_regular {
@@ -123,32 +129,65 @@ impl Flow {
             summary.span.get_or_insert((time, time)).1 = time;
         }
         let step = self.continuity.step(sample.sequence, row.has_clock.then_some(sample.clock_count));
-        if let Some(Timestamp { t_ns, .. }) = row.time.filter(|_| row.is_received) {
-            if let Some(last_t_ns) = self.last_t_ns.replace(t_ns) {
-                let interval_ns = t_ns.saturating_sub(last_t_ns);
-                if interval_ns < 0 {
-                    self.defect(stamp, DefectKind::TimeBackwards, &[], 0, sink);
-                } else if step != SequenceStep::Repeat && !is_polled && !self.last_polled {
-                    if step == SequenceStep::Next {
-                        self.summary.cadence.add(interval_ns);
-                    }
-                    if self.largest.is_none_or(|(largest_ns, ..)| interval_ns > largest_ns) {
-                        self.largest = Some((interval_ns, stamp.place, stamp.input));
-                    }
-                }
-            }
-            if row.has_clock && !is_polled && step != SequenceStep::Repeat {
-                self.summary.clock.add(t_ns, sample.sequence, sample.clock_count);
-            }
+        let received = row.time.filter(|_| row.is_received);
+        self.pace(stamp, received, step, is_polled, sink);
+        if let Some(Timestamp { t_ns, .. }) = received
+            && row.has_clock
+            && !is_polled
+            && step != SequenceStep::Repeat
+        {
+            self.summary.clock.add(t_ns, sample.sequence, sample.clock_count);
         }
-        self.last_polled = is_polled;
         if step != SequenceStep::Next {
             self.irregular(step, stamp, sink);
         }
     }
 
+    /// Reports a sample of a described unit.
+    #[inline]
+    pub fn sample(&mut self, stamp: Stamp, step: SequenceStep, row: &DeviceSample, sink: &mut impl Sink<DeviceSample>) {
+        self.summary.rows += 1;
+        self.summary.is_timed |= row.time.is_some();
+        if let Some(time) = row.time {
+            self.summary.span.get_or_insert((time, time)).1 = time;
+        }
+        self.pace(stamp, row.time, step, false, sink);
+        if step != SequenceStep::Next {
+            self.irregular(step, stamp, sink);
+        }
+        sink.row(row);
+    }
+
+    /// Compares the receive time of a row with that of the row before.
+    #[inline]
+    fn pace<R>(
+        &mut self,
+        stamp: Stamp,
+        received: Option<Timestamp>,
+        step: SequenceStep,
+        is_polled: bool,
+        sink: &mut impl Sink<R>,
+    ) {
+        if let Some(Timestamp { t_ns, .. }) = received
+            && let Some(last_t_ns) = self.last_t_ns.replace(t_ns)
+        {
+            let interval_ns = t_ns.saturating_sub(last_t_ns);
+            if interval_ns < 0 {
+                self.defect(stamp, DefectKind::TimeBackwards, &[], 0, sink);
+            } else if step != SequenceStep::Repeat && !is_polled && !self.last_polled {
+                if step == SequenceStep::Next {
+                    self.summary.cadence.add(interval_ns);
+                }
+                if self.largest.is_none_or(|(largest_ns, ..)| interval_ns > largest_ns) {
+                    self.largest = Some((interval_ns, stamp.place, stamp.input));
+                }
+            }
+        }
+        self.last_polled = is_polled;
+    }
+
     #[cold]
-    fn irregular(&mut self, step: SequenceStep, at: Stamp, sink: &mut impl Sink) {
+    fn irregular<R>(&mut self, step: SequenceStep, at: Stamp, sink: &mut impl Sink<R>) {
         match step {
             SequenceStep::First | SequenceStep::Next => {}
             SequenceStep::Repeat => self.summary.repeats += 1,
@@ -166,7 +205,7 @@ impl Flow {
     }
 
     #[cold]
-    pub fn defect(&mut self, at: Stamp, kind: DefectKind, bytes: &[u8], lost: u64, sink: &mut impl Sink) {
+    pub fn defect<R>(&mut self, at: Stamp, kind: DefectKind, bytes: &[u8], lost: u64, sink: &mut impl Sink<R>) {
         self.count_defects(kind, 1);
         if kind == DefectKind::ReceiverDropped {
             self.summary.dropped += lost;
@@ -202,6 +241,9 @@ impl Display for DecodeSummary {
     fn fmt(&self, out: &mut Formatter) -> fmt::Result {
         for (name, kind) in &self.inputs {
             line(out, "input", format_args!("{name} {kind}"))?;
+        }
+        if let Some(device) = &self.device {
+            line(out, "device", device)?;
         }
         line(out, "rows", self.rows)?;
         if let Some((first, last)) = self.span {
@@ -277,20 +319,22 @@ impl DecodeSummary {
     }
 
     fn write_sequence(&self, out: &mut Formatter) -> fmt::Result {
-        line(out, "half-seconds-lost", self.lost)?;
+        line(out, if self.device.is_some() { "samples-lost" } else { "half-seconds-lost" }, self.lost)?;
         for (place, time, lost) in &self.gaps {
             let time = time.map_or(String::new(), |time| format!(" t_s {}", seconds(time)));
             line(out, "gap", format_args!("{lost} before {place}{time}"))?;
         }
         line(out, "repeats", self.repeats)?;
-        line(out, "resets", self.resets)?;
-        line(out, "polled", self.polled)?;
-        line(out, "without-clock", self.without_clock)?;
-        for (name, counts) in [("not-valid", &self.invalid), ("saturated", &self.saturated)] {
-            let [x, y, za, zb] = counts;
-            line(out, name, format_args!("GYRX {x} GYRY {y} GYRZA {za} GYRZB {zb}"))?;
+        if self.device.is_none() {
+            line(out, "resets", self.resets)?;
+            line(out, "polled", self.polled)?;
+            line(out, "without-clock", self.without_clock)?;
         }
-        Ok(())
+        let counts = |count: fn(&(String, u64, u64)) -> u64| {
+            self.heads.iter().map(|head| format!("{} {}", head.0, count(head))).collect::<Vec<_>>().join(" ")
+        };
+        line(out, "not-valid", counts(|head| head.1))?;
+        line(out, "saturated", counts(|head| head.2))
     }
 
     fn write_times(&self, out: &mut Formatter) -> fmt::Result {
@@ -300,7 +344,7 @@ impl DecodeSummary {
         if !self.is_timed {
             let why = "not measurable: the recording holds no receive times";
             line(out, "interval_s", why)?;
-            return line(out, "clock_ppm", why);
+            return if self.device.is_some() { Ok(()) } else { line(out, "clock_ppm", why) };
         }
         if self.cadence.count() > 0 {
             let median = self.cadence.median_s().map_or("1 or more".to_owned(), |median| format!("{median:.6}"));
@@ -320,6 +364,7 @@ impl DecodeSummary {
             line(out, "interval-largest_s", format_args!("{:.6} before {place}", *interval_ns as f64 * 1e-9))?;
         }
         match self.clock.rate() {
+            _ if self.device.is_some() => Ok(()),
             Some(rate) => line(
                 out,
                 "clock_ppm",
