@@ -7,6 +7,7 @@ mod calibrate_page;
 mod control;
 mod decode;
 mod decode_live;
+mod devices;
 mod diagnose;
 mod diagnose_effects;
 mod diagnose_gap;

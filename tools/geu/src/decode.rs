@@ -1,21 +1,23 @@
 //! `geu decode`: recordings and live links to rows.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{ArgAction, Args, ValueEnum};
 use geu_files::interruption::stop_flag;
+use geu_model::device::Device;
 use geu_protocol::CanIdMap;
 use geu_protocol::capture::Format as InputFormat;
 use geu_recording::{
-    DecodeSummary, DecoderOptions, Defect, GyroCsv, InputError, InputReader, ReceivedSample, Sink, Stop, is_live,
+    Decode, DecodeSummary, DecoderOptions, Defect, DeviceDecoder, GyroCsv, InputError, InputReader, Sink, Stop, is_live,
 };
-use geu_report::rows::{DefectLines, TextFormat, write_row};
+use geu_report::rows::{DefectLines, DeviceRows, TextFormat, write_row};
 
 use crate::command_error::{CommandError, note};
+use crate::device::device;
 use crate::gyro_csv;
+use crate::output_writer::{BUFFER, OutputWriter};
 use crate::outputs::OutputFile;
 use crate::settings::{LONGEST_S, can_base, choice, duration};
 
@@ -45,6 +47,9 @@ pub struct Arguments {
     /// Read one CSV of any gyros instead; this file describes it: columns, units, interval (example: configs/suchai3.toml).
     #[arg(long, value_name = "DESCRIPTION", conflicts_with_all = ["base", "interface", "input_format", "baud", "duration"])]
     gyro_csv: Option<PathBuf>,
+    /// Name or description of another unit than the default one (`geu device list`).
+    #[arg(long, value_name = "NAME|FILE", conflicts_with_all = ["base", "gyro_csv", "flags"])]
+    device: Option<String>,
     #[command(flatten)]
     reading: InputArgs,
     /// Do not print the summary to standard error.
@@ -79,16 +84,38 @@ impl InputArgs {
     /// # Errors
     /// Signals cannot be watched.
     pub fn reader(&self, inputs: &[String]) -> Result<InputReader<'static>, CommandError> {
+        let options = self.options();
+        Ok(InputReader::new(options, self.stop(inputs)?))
+    }
+
+    /// A reader for a described unit. Serial bytes are read as such, where it has no other link.
+    fn device_reader(
+        &self,
+        inputs: &[String],
+        device: &Device,
+    ) -> Result<InputReader<'static, DeviceDecoder>, CommandError> {
+        let mut options = self.options();
+        options.baud = options.baud.or(device.serial.as_ref().map(|serial| serial.baud));
+        if device.can.is_none() {
+            options.format = options.format.or_else(|| InputFormat::from_name("serial"));
+        }
+        Ok(InputReader::with(DeviceDecoder::new(device, &options), options, self.stop(inputs)?))
+    }
+
+    fn stop(&self, inputs: &[String]) -> Result<Stop<'static>, CommandError> {
         let stop = inputs.iter().any(|input| is_live(input)).then(stop_flag).transpose();
         let stop = stop.map_err(|error| CommandError::failed(format!("signals cannot be watched: {error}")))?;
-        let options = DecoderOptions {
+        let deadline = self.duration.map(|duration_s| Instant::now() + Duration::from_secs_f64(duration_s));
+        Ok(Stop { flag: stop, deadline })
+    }
+
+    fn options(&self) -> DecoderOptions {
+        DecoderOptions {
             plan: self.base.unwrap_or_default(),
             interface: self.interface.clone(),
             format: self.input_format,
             baud: self.baud,
-        };
-        let deadline = self.duration.map(|duration_s| Instant::now() + Duration::from_secs_f64(duration_s));
-        Ok(InputReader::new(options, Stop { flag: stop, deadline }))
+        }
     }
 
     /// Prints the reason if there was no row.
@@ -142,8 +169,31 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     if let Some(description) = &arguments.gyro_csv {
         return decode_gyro_csv(arguments, description);
     }
-    let mut writer = Writer::new(arguments);
-    let mut reader = arguments.reading.reader(&arguments.inputs)?;
+    match &arguments.device {
+        Some(name) => {
+            let device = device(name)?;
+            let frames = device.can.as_ref().map(|can| &can.frames).or(device.serial.as_ref().map(|own| &own.frames));
+            let frames = frames.cloned().expect("a device has a link");
+            let rows = DeviceRows::new(arguments.text_format(), &frames, device.interval_s);
+            let reader = arguments.reading.device_reader(&arguments.inputs, &device)?;
+            decode(arguments, reader, rows.header(), move |row, out| rows.write(row, out))
+        }
+        None => {
+            let (format, with_bits) = (arguments.text_format(), arguments.flags);
+            let reader = arguments.reading.reader(&arguments.inputs)?;
+            decode(arguments, reader, format.header(with_bits), move |row, out| write_row(format, with_bits, row, out))
+        }
+    }
+}
+
+/// Decodes the inputs to rows that `write` appends.
+fn decode<D: Decode>(
+    arguments: &Arguments,
+    mut reader: InputReader<D>,
+    header: String,
+    write: impl FnMut(&D::Row, &mut Vec<u8>),
+) -> Result<(), CommandError> {
+    let mut writer = Writer::new(arguments, header, write);
     let (mut result, mut read): (Result<(), InputError>, _) = (Ok(()), 0);
     for input in &arguments.inputs {
         result = reader.read(input, &mut writer);
@@ -175,11 +225,24 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     }
     note_elsewhere(&summary);
     result?;
-    arguments.reading.note_no_rows(&summary);
+    match &summary.device {
+        None => arguments.reading.note_no_rows(&summary),
+        Some(device) if summary.rows == 0 => note(format_args!(
+            "geu: no sample: expected frames of {device}, see `geu device show`; got {} other frames, {} other bytes and {} defects\n",
+            summary.account.other,
+            summary.account.resynchronised_bytes,
+            summary.account.defect_count()
+        )),
+        Some(_) => {}
+    }
     arguments.check_strict(summary.account.defect_count())
 }
 
 impl Arguments {
+    fn text_format(&self) -> TextFormat {
+        if self.format == Format::Jsonl { TextFormat::Jsonl } else { TextFormat::Csv }
+    }
+
     fn check_strict(&self, defects: u64) -> Result<(), CommandError> {
         match self.strict && defects > 0 {
             true => Err(CommandError::failed(format!("--strict: {defects} defects"))),
@@ -212,66 +275,6 @@ fn decode_gyro_csv(arguments: &Arguments, description: &Path) -> Result<(), Comm
     arguments.check_strict(read.defects.len() as u64)
 }
 
-/// Bytes kept before they are written.
-pub const BUFFER: usize = 1 << 18;
-
-/// A file or standard output behind a large buffer.
-pub struct OutputWriter {
-    /// `None`: standard output.
-    file: Option<OutputFile>,
-    writer: geu_files::Output,
-    pub buffer: Vec<u8>,
-    format: TextFormat,
-}
-
-impl OutputWriter {
-    /// Opens a file, or standard output for `None`.
-    ///
-    /// # Errors
-    /// It cannot be written.
-    pub fn open(file: Option<&OutputFile>) -> Result<OutputWriter, CommandError> {
-        let writer = match file {
-            Some(file) => file.create()?,
-            None => geu_files::Output::create(Path::new("-")).map_err(CommandError::writing)?,
-        };
-        Ok(OutputWriter {
-            file: file.cloned(),
-            writer,
-            buffer: Vec::with_capacity(BUFFER + 1024),
-            format: TextFormat::Csv,
-        })
-    }
-
-    fn in_format(mut self, format: TextFormat, with_bits: bool) -> OutputWriter {
-        self.format = format;
-        self.buffer.extend_from_slice(format.header(with_bits).as_bytes());
-        self
-    }
-
-    /// Writes the buffer.
-    ///
-    /// # Errors
-    /// It cannot be written.
-    pub fn flush(&mut self) -> Result<(), CommandError> {
-        let written = self.writer.write_all(&self.buffer).and_then(|()| self.writer.flush());
-        self.buffer.clear();
-        written.map_err(|error| match &self.file {
-            Some(file) => file.write_error(error),
-            None => CommandError::writing(error),
-        })
-    }
-
-    /// Writes all outputs and moves each to its final place.
-    ///
-    /// # Errors
-    /// One cannot be written; then the previous files are kept.
-    pub fn finish(outputs: impl IntoIterator<Item = OutputWriter>) -> Result<(), CommandError> {
-        let flush = |mut output: OutputWriter| output.flush().map(|()| output.writer);
-        let written = outputs.into_iter().map(flush).collect::<Result<Vec<_>, CommandError>>()?;
-        geu_files::persist_all(written).map_err(CommandError::writing)
-    }
-}
-
 /// True if the rows read before this end are a result, also of a broken recording or a closed link.
 pub fn gives_rows(read: &Result<(), InputError>) -> bool {
     use InputError::{Container, Cut, Read};
@@ -286,8 +289,10 @@ pub fn is_refused(result: &Result<(), InputError>, summary: &DecodeSummary, read
 }
 
 /// Writes rows and defects as they are read.
-struct Writer<'a> {
+struct Writer<'a, W> {
     arguments: &'a Arguments,
+    header: String,
+    write: W,
     /// True once an input, and with it the outputs, are open.
     is_open: bool,
     rows: Option<OutputWriter>,
@@ -297,17 +302,19 @@ struct Writer<'a> {
     broken: Option<CommandError>,
 }
 
-impl<'a> Writer<'a> {
-    fn new(arguments: &'a Arguments) -> Writer<'a> {
-        Writer { arguments, is_open: false, rows: None, defects: None, lines: DefectLines::default(), broken: None }
+impl<'a, W> Writer<'a, W> {
+    fn new(arguments: &'a Arguments, header: String, write: W) -> Writer<'a, W> {
+        let lines = DefectLines::default();
+        Writer { arguments, header, write, is_open: false, rows: None, defects: None, lines, broken: None }
     }
 
     fn open(&mut self) -> Result<(), CommandError> {
         self.rows = match self.arguments.format {
             Format::Summary => None,
-            format => {
-                let format = if format == Format::Jsonl { TextFormat::Jsonl } else { TextFormat::Csv };
-                Some(OutputWriter::open(self.arguments.out.as_ref())?.in_format(format, self.arguments.flags))
+            Format::Csv | Format::Jsonl => {
+                let mut output = OutputWriter::open(self.arguments.out.as_ref())?;
+                output.buffer.extend_from_slice(self.header.as_bytes());
+                Some(output)
             }
         };
         self.defects = self.arguments.defects.as_ref().map(|path| OutputWriter::open(Some(path))).transpose()?;
@@ -324,7 +331,7 @@ impl<'a> Writer<'a> {
     }
 }
 
-impl Sink for Writer<'_> {
+impl<R, W: FnMut(&R, &mut Vec<u8>)> Sink<R> for Writer<'_, W> {
     fn opened(&mut self) {
         if !self.is_open {
             self.is_open = true;
@@ -333,12 +340,12 @@ impl Sink for Writer<'_> {
     }
 
     #[inline]
-    fn row(&mut self, row: &ReceivedSample) {
+    fn row(&mut self, row: &R) {
         if let Some(output) = &mut self.defects {
             self.lines.end(&mut output.buffer);
         }
         if let Some(output) = &mut self.rows {
-            write_row(output.format, self.arguments.flags, row, &mut output.buffer);
+            (self.write)(row, &mut output.buffer);
             if output.buffer.len() >= BUFFER {
                 self.write_out();
             }

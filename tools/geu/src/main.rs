@@ -29,6 +29,7 @@ mod config;
 mod control_client;
 mod decode;
 mod describe;
+mod device;
 mod diagnose;
 mod diagnose_rates;
 mod expectations;
@@ -38,6 +39,7 @@ mod inject;
 mod links;
 mod monitor;
 mod output_guard;
+mod output_writer;
 mod outputs;
 mod reconstruct;
 mod replay;
@@ -83,6 +85,7 @@ subcommands! {
     Inject => inject,
     Monitor => monitor,
     Config => config,
+    Device => device,
     Describe => describe,
     Decode => decode,
     Track => track,

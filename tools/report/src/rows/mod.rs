@@ -1,6 +1,7 @@
 //! Rows, defects and tracks as text, fast: CSV and JSON lines.
 
 mod defects;
+mod device;
 mod track;
 
 use geu_protocol::capture::Timestamp;
@@ -8,6 +9,7 @@ use geu_protocol::field::{Bit, GYRO_FLAGS, UNIT_FLAGS};
 use geu_recording::ReceivedSample;
 
 pub use defects::DefectLines;
+pub use device::DeviceRows;
 pub use track::{TrackFormat, instant, track_difference, track_header, write_track};
 
 /// A format of text.

@@ -1,0 +1,174 @@
+//! `geu device`: the units that are known by name, and the check of a description.
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand};
+use geu_model::device::{DEVICES, Device, Output};
+use geu_protocol::layout::{Frame, FrameSet};
+use geu_protocol::suggestion::did_you_mean;
+
+use crate::command_error::{CommandError, print, say};
+use crate::settings::read_text;
+
+/// Lists, shows and checks descriptions of units.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Subcommand, Debug)]
+enum Action {
+    /// Print the units that are known by name
+    List,
+    /// Print what a unit is and what its frames carry, byte by byte
+    Show {
+        /// Name or description of the unit
+        #[arg(value_name = "NAME|FILE")]
+        device: String,
+        /// Print the description itself, to begin another one with
+        #[arg(long)]
+        toml: bool,
+    },
+    /// Check a description; exit 2 with the place of the first error
+    Check {
+        /// Description of the unit (TOML)
+        #[arg(value_name = "FILE")]
+        file: PathBuf,
+    },
+}
+
+/// The unit of a name or a description.
+///
+/// # Errors
+/// No such unit, or a description that is not valid.
+pub fn device(name: &str) -> Result<Device, CommandError> {
+    match Device::named(name) {
+        Some(device) => Ok(device),
+        None if !Path::new(name).exists() => {
+            let names: Vec<&str> = DEVICES.iter().map(|(name, _)| *name).collect();
+            let hint = did_you_mean(name, &names);
+            let known = names.join(", ");
+            Err(CommandError::input(format!("{name}: {hint}expected a description (TOML), or one of {known}")))
+        }
+        None => read(Path::new(name)),
+    }
+}
+
+fn read(path: &Path) -> Result<Device, CommandError> {
+    let text = read_text(path, "a description, such as `geu device show stim300 --toml` prints")?;
+    Device::read(path, &text).map_err(CommandError::input)
+}
+
+/// Runs `geu device`.
+///
+/// # Errors
+/// A description is not valid.
+pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
+    match &arguments.action {
+        Action::List => {
+            let mut text =
+                "iras               serial, CAN     2 Hz  GYRX GYRY GYRZA GYRZB, the default unit\n".to_owned();
+            for (name, _) in DEVICES {
+                let device = device(name)?;
+                let heads: Vec<&str> = device.heads.iter().map(|head| head.name.as_str()).collect();
+                let links = [device.serial.is_some().then_some("serial"), device.can.is_some().then_some("CAN")];
+                let links = links.into_iter().flatten().collect::<Vec<_>>().join(", ");
+                let (heads, interval) = (heads.join(" "), interval(&device));
+                _ = writeln!(text, "{name:<18} {links:<11} {interval:>8}  {heads}, {}", device.name);
+            }
+            print(format_args!("{text}"))
+        }
+        Action::Show { device: name, toml: true } => {
+            let known = DEVICES.iter().find(|(own, _)| own == name);
+            match known {
+                Some((_, text)) => print(format_args!("{text}")),
+                None => print(format_args!("{}", read_text(Path::new(name), "a description")?)),
+            }
+        }
+        Action::Show { device: name, .. } => print(format_args!("{}", text(&device(name)?))),
+        Action::Check { file } => {
+            let device = read(file)?;
+            say!("{}: valid, {}", file.display(), device.name)
+        }
+    }
+}
+
+fn interval(device: &Device) -> String {
+    format!("{} Hz", (1e6 / device.interval_s).round() / 1e6)
+}
+
+/// The unit in words, and its frames.
+fn text(device: &Device) -> String {
+    let output = match device.output {
+        Output::Increment => "increments",
+        Output::Rate => "rates",
+    };
+    let mut text = String::new();
+    let mut line = |name: &str, value: String| _ = writeln!(text, "{name:<10} {value}");
+    line("unit", device.name.clone());
+    line("source", device.source.clone());
+    line("output", format!("{output}, {}, up to {} deg/s", interval(device), device.range_arcsec_s / 3600.0));
+    for head in &device.heads {
+        let axis = |axis: [f64; 3]| axis.map(|part| format!("{part:.3}")).join(" ");
+        let output = head.output.map_or(String::new(), |output| format!(", output axis {}", axis(output)));
+        line("head", format!("{:<8} input axis {}{output}", head.name, axis(head.input)));
+    }
+    if let Some(serial) = &device.serial {
+        let unchecked = if serial.is_unchecked { ", frames without constant or check" } else { "" };
+        line("serial", format!("{} baud{unchecked}", serial.baud));
+        text.push_str(&frames(&serial.frames));
+    }
+    if let Some(can) = &device.can {
+        _ = writeln!(text, "{:<10} {} bit/s", "CAN", can.bitrate);
+        text.push_str(&frames(&can.frames));
+    }
+    text
+}
+
+/// The frames, a line for each field in the order of bytes.
+fn frames(set: &FrameSet) -> String {
+    let mut text = String::new();
+    for frame in &set.frames {
+        let id = match frame.id {
+            Some((id, true)) => format!(", identifier {id:08X}"),
+            Some((id, false)) => format!(", identifier {id:03X}"),
+            None => String::new(),
+        };
+        let every = if frame.every > 1 { format!(", every {} samples", frame.every) } else { String::new() };
+        _ = writeln!(text, "\n{}{id}, {} bytes{every}", frame.name, frame.length());
+        for (bit, line) in lines(frame, set) {
+            _ = writeln!(text, "  byte {:<3} {line}", bit / 8);
+        }
+    }
+    text
+}
+
+/// First bit and text of each field, of the constant and of the checks.
+fn lines(frame: &Frame, set: &FrameSet) -> Vec<(usize, String)> {
+    let mut lines = Vec::new();
+    if !frame.start().is_empty() {
+        let bytes: Vec<String> = frame.start().iter().map(|byte| format!("{byte:02X}")).collect();
+        lines.push((0, format!("{:<12} {}", "constant", bytes.join(" "))));
+    }
+    for field in &frame.fields {
+        let (place, value) = (field.place, &set.values[field.slot]);
+        let scale = if field.scale() == 1.0 { String::new() } else { format!(" × {}", field.scale()) };
+        let offset = match field.offset() {
+            0.0 => String::new(),
+            offset => format!(" {} {}", if offset < 0.0 { '−' } else { '+' }, offset.abs()),
+        };
+        lines.push((8 * place.at, format!("{:<12} {} = number{scale}{offset}", place.to_string(), value.name)));
+    }
+    for check in &frame.checks {
+        let covers = match check.covers.clone() {
+            all if all == (0..frame.length()) => "the other bytes".to_owned(),
+            some => format!("bytes {} to {}", some.start, some.end.saturating_sub(1)),
+        };
+        let place = check.place.to_string();
+        lines.push((8 * check.place.at, format!("{place:<12} {} over {covers}", check.name)));
+    }
+    lines.sort_by_key(|(bit, _)| *bit);
+    lines
+}

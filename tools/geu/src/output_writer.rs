@@ -1,0 +1,55 @@
+//! Rows to a file or standard output.
+
+use std::io::Write;
+use std::path::Path;
+
+use crate::command_error::CommandError;
+use crate::outputs::OutputFile;
+
+/// Bytes kept before they are written.
+pub const BUFFER: usize = 1 << 18;
+
+/// A file or standard output behind a large buffer.
+pub struct OutputWriter {
+    /// `None`: standard output.
+    file: Option<OutputFile>,
+    writer: geu_files::Output,
+    pub buffer: Vec<u8>,
+}
+
+impl OutputWriter {
+    /// Opens a file, or standard output for `None`.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn open(file: Option<&OutputFile>) -> Result<OutputWriter, CommandError> {
+        let writer = match file {
+            Some(file) => file.create()?,
+            None => geu_files::Output::create(Path::new("-")).map_err(CommandError::writing)?,
+        };
+        Ok(OutputWriter { file: file.cloned(), writer, buffer: Vec::with_capacity(BUFFER + 1024) })
+    }
+
+    /// Writes the buffer.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn flush(&mut self) -> Result<(), CommandError> {
+        let written = self.writer.write_all(&self.buffer).and_then(|()| self.writer.flush());
+        self.buffer.clear();
+        written.map_err(|error| match &self.file {
+            Some(file) => file.write_error(error),
+            None => CommandError::writing(error),
+        })
+    }
+
+    /// Writes all outputs and moves each to its final place.
+    ///
+    /// # Errors
+    /// One cannot be written; then the previous files are kept.
+    pub fn finish(outputs: impl IntoIterator<Item = OutputWriter>) -> Result<(), CommandError> {
+        let flush = |mut output: OutputWriter| output.flush().map(|()| output.writer);
+        let written = outputs.into_iter().map(flush).collect::<Result<Vec<_>, CommandError>>()?;
+        geu_files::persist_all(written).map_err(CommandError::writing)
+    }
+}

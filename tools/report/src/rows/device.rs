@@ -1,0 +1,54 @@
+//! Samples of a described unit.
+
+use std::io::Write;
+
+use geu_protocol::capture::Timestamp;
+use geu_protocol::layout::FrameSet;
+use geu_recording::DeviceSample;
+
+use super::{TextFormat, quote, write_seconds};
+
+/// Rows of a unit: time, number of the sample, and its values by their names.
+#[derive(Debug)]
+pub struct DeviceRows {
+    format: TextFormat,
+    names: Vec<String>,
+    /// For recordings without receive times.
+    interval_s: f64,
+}
+
+impl DeviceRows {
+    pub fn new(format: TextFormat, frames: &FrameSet, interval_s: f64) -> DeviceRows {
+        DeviceRows { format, names: frames.values.iter().map(|value| value.name.clone()).collect(), interval_s }
+    }
+
+    /// The header line.
+    pub fn header(&self) -> String {
+        match self.format {
+            TextFormat::Csv => format!("t_s,number,{}\n", self.names.join(",")),
+            TextFormat::Jsonl => String::new(),
+        }
+    }
+
+    /// Appends a row with its line end. Without a receive time a sample has that of its number.
+    pub fn write(&self, row: &DeviceSample, out: &mut Vec<u8>) {
+        let number = || Timestamp { t_ns: (row.number as f64 * self.interval_s * 1e9).round() as i64, digits: 6 };
+        let is_json = self.format == TextFormat::Jsonl;
+        out.extend_from_slice(if is_json { b"{\"t_s\":" } else { b"" });
+        write_seconds(row.time.unwrap_or_else(number), out);
+        let key = if is_json { ",\"number\":" } else { "," };
+        write!(out, "{key}{}", row.number).expect("memory");
+        for (name, value) in self.names.iter().zip(&row.values) {
+            out.push(b',');
+            if is_json {
+                quote(name, out);
+                out.push(b':');
+            }
+            match value.is_finite() {
+                true => write!(out, "{value}").expect("memory"),
+                false => out.extend_from_slice(if is_json { b"null" } else { b"" }),
+            }
+        }
+        out.extend_from_slice(if is_json { b"}\n" } else { b"\n" });
+    }
+}
