@@ -16,6 +16,10 @@ pub fn engine() -> Engine<'static> {
     engine.add_filter("dec", |number: f64, decimals: usize| format!("{number:.decimals$}"));
     engine.add_filter("plus", |number: f64, decimals: usize| format!("{number:+.decimals$}"));
     engine.add_filter("hex", |number: i64| format!("{number:02X}"));
+    engine.add_filter(
+        "id",
+        |id: i64, is_extended: bool| if is_extended { format!("{id:08X}") } else { format!("{id:03X}") },
+    );
     engine.add_filter("lower", str::to_lowercase);
     engine.add_filter("constant", |text: &str| text.replace(' ', "_").to_uppercase());
     engine

@@ -8,16 +8,16 @@ use std::process::{Command, Output};
 use geu_protocol::serial::{FrameType, data_frame, frame};
 use geu_protocol::{CanIdMap, Sample, describe};
 
-fn here(name: &str) -> PathBuf {
+pub fn here(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
 }
 
 /// Says that a test did not run, past the capture of the harness: what did not run must not look passed.
-fn skip(reason: &str) {
+pub fn skip(reason: &str) {
     let _ = writeln!(std::io::stderr(), "skipped: {reason}");
 }
 
-fn run<S: AsRef<OsStr>>(program: &str, arguments: &[S]) -> Option<Output> {
+pub fn run<S: AsRef<OsStr>>(program: &str, arguments: &[S]) -> Option<Output> {
     match Command::new(program).args(arguments).output() {
         Ok(output) => Some(output),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => None,
@@ -25,7 +25,7 @@ fn run<S: AsRef<OsStr>>(program: &str, arguments: &[S]) -> Option<Output> {
     }
 }
 
-fn text(output: &Output) -> String {
+pub fn text(output: &Output) -> String {
     format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
 }
 
@@ -80,7 +80,7 @@ fn c_and_cpp_programs_pack_and_unpack_the_vectors_with_the_header() {
 }
 
 /// A capture file of one link type, with a packet every 0.5 s.
-fn pcap(link_type: u32, packets: &[Vec<u8>]) -> Vec<u8> {
+pub fn pcap(link_type: u32, packets: &[Vec<u8>]) -> Vec<u8> {
     let mut file = Vec::new();
     file.extend_from_slice(&0xA1B2_C3D4u32.to_be_bytes());
     file.extend_from_slice(&[0, 2, 0, 4, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0xFF, 0xFF]);
@@ -95,18 +95,19 @@ fn pcap(link_type: u32, packets: &[Vec<u8>]) -> Vec<u8> {
     file
 }
 
-const LINKTYPE_CAN_SOCKETCAN: u32 = 227;
-const LINKTYPE_RAW: u32 = 101;
+pub const LINKTYPE_CAN_SOCKETCAN: u32 = 227;
+pub const LINKTYPE_RAW: u32 = 101;
 
-fn socketcan(id: u16, data: &[u8]) -> Vec<u8> {
-    let mut packet = u32::from(id).to_be_bytes().to_vec();
+/// A frame with an identifier as SocketCAN has it: bit 31 is set for one of 29 bits.
+pub fn socketcan(id: u32, data: &[u8]) -> Vec<u8> {
+    let mut packet = id.to_be_bytes().to_vec();
     packet.extend_from_slice(&[data.len() as u8, 0, 0, 0]);
     packet.extend_from_slice(data);
     packet
 }
 
 /// The segments of one direction of a TCP connection from the unit's `port`, as IPv4 packets.
-fn tcp(port: u16, segments: &[&[u8]]) -> Vec<Vec<u8>> {
+pub fn tcp(port: u16, segments: &[&[u8]]) -> Vec<Vec<u8>> {
     let mut sequence = 1000u32;
     let mut packets = Vec::new();
     for segment in segments {
@@ -126,9 +127,14 @@ fn tcp(port: u16, segments: &[&[u8]]) -> Vec<Vec<u8>> {
 
 /// Each packet's values of `fields`, as tshark with the dissector prints them; `None` without tshark.
 fn dissect(capture: &[u8], options: &[&str], fields: &[&str]) -> Option<Vec<Vec<String>>> {
+    dissect_with(&here("geu.lua"), capture, options, fields)
+}
+
+/// The same with the dissector of this file.
+pub fn dissect_with(dissector: &Path, capture: &[u8], options: &[&str], fields: &[&str]) -> Option<Vec<Vec<String>>> {
     let mut file = tempfile::NamedTempFile::new().unwrap();
     file.write_all(capture).unwrap();
-    let script = format!("lua_script:{}", here("geu.lua").display());
+    let script = format!("lua_script:{}", dissector.display());
     let path = file.path().to_str().unwrap();
     let mut arguments = vec!["-X", &script, "-r", path, "-T", "fields", "-E", "occurrence=a"];
     arguments.extend(options);
@@ -179,7 +185,7 @@ fn row(h: &Sample) -> Vec<String> {
     row
 }
 
-const NO_TSHARK: &str = "tshark is absent; the dissector was not tried";
+pub const NO_TSHARK: &str = "tshark is absent; the dissector was not tried";
 
 #[test]
 fn tshark_reads_can_frames_and_checks_status_with_the_increments_before_it() {
@@ -187,7 +193,7 @@ fn tshark_reads_can_frames_and_checks_status_with_the_increments_before_it() {
     let mut packets = Vec::new();
     for sample in samples() {
         for frame in plan.frames(&sample) {
-            packets.push(socketcan(frame.id(), frame.data()));
+            packets.push(socketcan(frame.id().into(), frame.data()));
             packets.push(socketcan(0x123, &[1, 2, 3]));
         }
     }

@@ -1,4 +1,5 @@
 //! The protocol against its published vectors and description.
 
 mod describe;
+mod devices;
 mod vectors;

@@ -9,7 +9,10 @@
 //! ```
 
 mod dbc;
+mod device;
 mod tables;
+
+pub use device::Wire;
 
 use crate::can::CanIdMap;
 use crate::template::{engine, filled};

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use ::crc::{self, Crc, Table};
 
 use super::number::Place;
+use crate::hex::spaced_hex;
 
 /// An algorithm ready to run.
 enum Engine {
@@ -60,6 +61,17 @@ pub fn check_names() -> Vec<String> {
     sums.chain(CATALOGUE.iter().map(|(algorithm, _)| catalogue_name(algorithm))).collect()
 }
 
+/// Parameters of a CRC, as the catalogue has them.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct CrcParameters {
+    pub width: u32,
+    pub polynomial: u64,
+    pub initial: u64,
+    pub reflects_input: bool,
+    pub reflects_output: bool,
+    pub final_xor: u64,
+}
+
 /// A check value and the bytes that it covers.
 #[derive(Clone)]
 pub struct Check {
@@ -88,13 +100,43 @@ impl Check {
         Some(Check { name: name.to_owned(), engine: Arc::new(engine()), place, covers, pad_to: 1, suffix: Vec::new() })
     }
 
+    /// Algorithm and covered bytes of a frame of this length, in words.
+    pub fn in_words(&self, length: usize) -> String {
+        let covers = match self.covers.clone() {
+            all if all == (0..length) => "the other bytes".to_owned(),
+            some => format!("bytes {} to {}", some.start, some.end.saturating_sub(1)),
+        };
+        let zeros =
+            if self.pad_to > 1 { format!(", then zeros up to a multiple of {}", self.pad_to) } else { String::new() };
+        let suffix =
+            if self.suffix.is_empty() { String::new() } else { format!(", then {}", spaced_hex(&self.suffix)) };
+        format!("{} over {covers}{zeros}{suffix}", self.name)
+    }
+
     /// Width of the algorithm, bit; 0 for a sum, which has that of its field.
     pub fn width(&self) -> u32 {
+        self.parameters().map_or(0, |parameters| parameters.width)
+    }
+
+    /// Parameters of a CRC; `None` for a sum.
+    pub fn parameters(&self) -> Option<CrcParameters> {
+        macro_rules! parameters {
+            ($crc:expr) => {
+                Some(CrcParameters {
+                    width: $crc.algorithm.width.into(),
+                    polynomial: $crc.algorithm.poly.into(),
+                    initial: $crc.algorithm.init.into(),
+                    reflects_input: $crc.algorithm.refin,
+                    reflects_output: $crc.algorithm.refout,
+                    final_xor: $crc.algorithm.xorout.into(),
+                })
+            };
+        }
         match &*self.engine {
-            Engine::Crc8(crc) => crc.algorithm.width.into(),
-            Engine::Crc16(crc) => crc.algorithm.width.into(),
-            Engine::Crc32(crc) => crc.algorithm.width.into(),
-            Engine::Sum | Engine::NegatedSum | Engine::Xor => 0,
+            Engine::Crc8(crc) => parameters!(crc),
+            Engine::Crc16(crc) => parameters!(crc),
+            Engine::Crc32(crc) => parameters!(crc),
+            Engine::Sum | Engine::NegatedSum | Engine::Xor => None,
         }
     }
 

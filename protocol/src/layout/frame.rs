@@ -36,9 +36,19 @@ impl Field {
         self.scale / self.divisor
     }
 
-    /// Value of the number 0.
-    pub fn offset(&self) -> f64 {
-        self.offset
+    /// Scale, divisor and offset, in the order in which reading applies them.
+    pub fn scaling(&self) -> (f64, f64, f64) {
+        (self.scale, self.divisor, self.offset)
+    }
+
+    /// The value by the number on the wire, in words.
+    pub fn formula(&self) -> String {
+        let scale = if self.scale() == 1.0 { String::new() } else { format!(" × {:?}", self.scale()) };
+        match self.offset {
+            0.0 => format!("number{scale}"),
+            offset if offset < 0.0 => format!("number{scale} − {:?}", -offset),
+            offset => format!("number{scale} + {offset:?}"),
+        }
     }
 
     #[inline]
@@ -120,6 +130,16 @@ impl Frame {
     pub fn start(&self) -> &[u8] {
         let length = self.required.iter().take_while(|required| **required == 0xFF).count();
         &self.template[..length]
+    }
+
+    /// Bytes of the frame where no field is.
+    pub fn template(&self) -> &[u8] {
+        &self.template
+    }
+
+    /// Bits of these that a frame must have.
+    pub fn required(&self) -> &[u8] {
+        &self.required
     }
 
     /// Appends the frame of a sample.

@@ -95,6 +95,15 @@ impl Place {
         (bits > 0 && length <= 8).then_some(place)
     }
 
+    pub fn is_little_endian(&self) -> bool {
+        self.is_little_endian
+    }
+
+    /// Bits of the bytes below the number's lowest.
+    pub fn shift(&self) -> u32 {
+        self.shift
+    }
+
     /// The byte after the last.
     pub fn end(&self) -> usize {
         self.at + self.length

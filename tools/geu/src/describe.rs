@@ -1,9 +1,13 @@
 //! `geu describe`: the definition of the link for other tools.
 
+use std::path::Path;
+
 use clap::{Args, ValueEnum};
+use geu_model::device::Device;
 use geu_protocol::{CanIdMap, describe};
 
 use crate::command_error::{CommandError, print};
+use crate::device::device;
 use crate::outputs::OutputFile;
 use crate::settings::can_base;
 
@@ -32,6 +36,9 @@ pub struct Arguments {
     /// Base of the CAN identifiers in the database, hexadecimal.
     #[arg(long, value_parser = can_base, default_value = "1A0")]
     base: CanIdMap,
+    /// Name or description of another unit than the default one (`geu device list`).
+    #[arg(long, value_name = "NAME|FILE", conflicts_with = "base")]
+    device: Option<String>,
 }
 
 /// Runs `geu describe`.
@@ -39,14 +46,38 @@ pub struct Arguments {
 /// # Errors
 /// The definition cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
-    let text = match arguments.format {
-        Format::Dbc => describe::dbc(arguments.base),
-        Format::Header => describe::header(),
-        Format::Dissector => describe::dissector(),
-        Format::Icd => describe::icd(),
+    let text = match (&arguments.device, arguments.format) {
+        (Some(name), format) => of_device(name, &device(name)?, format)?,
+        (None, Format::Dbc) => describe::dbc(arguments.base),
+        (None, Format::Header) => describe::header(),
+        (None, Format::Dissector) => describe::dissector(),
+        (None, Format::Icd) => describe::icd(),
     };
     match &arguments.out {
         Some(out) => out.write(text),
         None => print(format_args!("{text}")),
+    }
+}
+
+/// The definition of a described unit.
+fn of_device(name: &str, device: &Device, format: Format) -> Result<String, CommandError> {
+    let stem = Path::new(name).file_stem().filter(|_| Path::new(name).exists());
+    let stem = stem.map_or(name.into(), |stem| stem.to_string_lossy());
+    let mut prefix: String = stem
+        .chars()
+        .map(|letter| if letter.is_ascii_alphanumeric() { letter.to_ascii_lowercase() } else { '_' })
+        .collect();
+    if !prefix.starts_with(|first: char| first.is_ascii_alphabetic()) {
+        prefix.insert_str(0, "unit_");
+    }
+    let wire = device.wire(&prefix);
+    match (format, &device.can) {
+        (Format::Dbc, Some(can)) => Ok(can.dbc.clone()),
+        (Format::Dbc, None) => Err(CommandError::input(format!(
+            "{name}: expected a unit on CAN for a CAN database, got one on a serial line"
+        ))),
+        (Format::Header, _) => Ok(wire.header()),
+        (Format::Dissector, _) => Ok(wire.dissector()),
+        (Format::Icd, _) => Ok(wire.icd()),
     }
 }

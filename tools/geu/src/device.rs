@@ -4,7 +4,7 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
-use geu_model::device::{DEVICES, Device, Output};
+use geu_model::device::{DEVICES, Device};
 use geu_protocol::layout::{Frame, FrameSet};
 use geu_protocol::suggestion::did_you_mean;
 
@@ -75,7 +75,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
                 let heads: Vec<&str> = device.heads.iter().map(|head| head.name.as_str()).collect();
                 let links = [device.serial.is_some().then_some("serial"), device.can.is_some().then_some("CAN")];
                 let links = links.into_iter().flatten().collect::<Vec<_>>().join(", ");
-                let (heads, interval) = (heads.join(" "), interval(&device));
+                let (heads, interval) = (heads.join(" "), device.rate_in_words());
                 _ = writeln!(text, "{name:<18} {links:<11} {interval:>8}  {heads}, {}", device.name);
             }
             print(format_args!("{text}"))
@@ -95,21 +95,13 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     }
 }
 
-fn interval(device: &Device) -> String {
-    format!("{} Hz", (1e6 / device.interval_s).round() / 1e6)
-}
-
 /// The unit in words, and its frames.
 fn text(device: &Device) -> String {
-    let output = match device.output {
-        Output::Increment => "increments",
-        Output::Rate => "rates",
-    };
     let mut text = String::new();
     let mut line = |name: &str, value: String| _ = writeln!(text, "{name:<10} {value}");
     line("unit", device.name.clone());
     line("source", device.source.clone());
-    line("output", format!("{output}, {}, up to {} deg/s", interval(device), device.range_arcsec_s / 3600.0));
+    line("output", device.in_words());
     for head in &device.heads {
         let axis = |axis: [f64; 3]| axis.map(|part| format!("{part:.3}")).join(" ");
         let output = head.output.map_or(String::new(), |output| format!(", output axis {}", axis(output)));
@@ -154,20 +146,11 @@ fn lines(frame: &Frame, set: &FrameSet) -> Vec<(usize, String)> {
     }
     for field in &frame.fields {
         let (place, value) = (field.place, &set.values[field.slot]);
-        let scale = if field.scale() == 1.0 { String::new() } else { format!(" × {}", field.scale()) };
-        let offset = match field.offset() {
-            0.0 => String::new(),
-            offset => format!(" {} {}", if offset < 0.0 { '−' } else { '+' }, offset.abs()),
-        };
-        lines.push((8 * place.at, format!("{:<12} {} = number{scale}{offset}", place.to_string(), value.name)));
+        lines.push((8 * place.at, format!("{:<12} {} = {}", place.to_string(), value.name, field.formula())));
     }
     for check in &frame.checks {
-        let covers = match check.covers.clone() {
-            all if all == (0..frame.length()) => "the other bytes".to_owned(),
-            some => format!("bytes {} to {}", some.start, some.end.saturating_sub(1)),
-        };
-        let place = check.place.to_string();
-        lines.push((8 * check.place.at, format!("{place:<12} {} over {covers}", check.name)));
+        let text = format!("{:<12} {}", check.place.to_string(), check.in_words(frame.length()));
+        lines.push((8 * check.place.at, text));
     }
     lines.sort_by_key(|(bit, _)| *bit);
     lines

@@ -16,6 +16,8 @@ use crate::configuration::{ConfigurationError, Node};
 pub struct CanWire {
     /// Bit rate of the bus; it is for information.
     pub bitrate: u32,
+    /// The database.
+    pub dbc: String,
     pub frames: Arc<FrameSet>,
 }
 
@@ -72,7 +74,7 @@ impl CanWire {
         }
         fields.set.frames = frames.into_values().collect();
         device.carries_all(&fields.set, node, "signals")?;
-        Ok(CanWire { bitrate: bitrate as u32, frames: Arc::new(fields.set) })
+        Ok(CanWire { bitrate: bitrate as u32, dbc: text, frames: Arc::new(fields.set) })
     }
 }
 

@@ -14,11 +14,13 @@ mod serial;
 
 use std::path::Path;
 
+use geu_protocol::describe::Wire;
 use geu_protocol::layout::FrameSet;
 use geu_protocol::suggestion::did_you_mean;
 
 use crate::configuration::{ConfigText, ConfigurationError, Node};
 use crate::parameter_spec::ValueFormat;
+use crate::units::ARCSEC_PER_DEG;
 
 pub use can::CanWire;
 pub use serial::SerialWire;
@@ -152,6 +154,34 @@ impl Device {
             return Err(node.error("serial", "expected a table [device.serial] or [device.can], got none".to_owned()));
         }
         Ok(device)
+    }
+
+    /// Output, rate of samples and range.
+    pub fn in_words(&self) -> String {
+        let output = match self.output {
+            Output::Increment => "increments",
+            Output::Rate => "rates",
+        };
+        format!("{output}, {}, up to {} deg/s", self.rate_in_words(), self.range_arcsec_s / ARCSEC_PER_DEG)
+    }
+
+    /// Rate of samples.
+    pub fn rate_in_words(&self) -> String {
+        format!("{} Hz", (1e6 / self.interval_s).round() / 1e6)
+    }
+
+    /// The links, for descriptions; `prefix` begins identifiers of programs.
+    pub fn wire<'a>(&'a self, prefix: &'a str) -> Wire<'a> {
+        let serial = self.serial.as_ref().map(|serial| ("serial line", serial.baud, &*serial.frames));
+        let can = self.can.as_ref().map(|can| ("CAN", can.bitrate, &*can.frames));
+        Wire {
+            prefix,
+            title: &self.name,
+            source: &self.source,
+            heads: self.heads.iter().map(|head| (head.name.as_str(), head.input)).collect(),
+            output: self.in_words(),
+            links: serial.into_iter().chain(can).collect(),
+        }
     }
 
     /// The head of that name.

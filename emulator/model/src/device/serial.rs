@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use geu_protocol::hex::read_hex;
 use geu_protocol::layout::{Assembly, Check, Coding, Frame, FrameSet, Number, Place, check_names};
 use geu_protocol::serial::{BITS_PER_BYTE, DEFAULT_BAUD};
 use geu_protocol::suggestion::did_you_mean;
@@ -99,12 +100,7 @@ fn frame(node: &Node, fields: &mut Fields) -> Result<(Frame, bool), Configuratio
 
 /// The bytes under a key, in hexadecimal.
 fn bytes(node: &Node, key: &str) -> Result<Vec<u8>, ConfigurationError> {
-    let text: String = node.text(key)?.split_whitespace().collect();
-    let pairs = text
-        .as_bytes()
-        .chunks(2)
-        .map(|pair| u8::from_str_radix(str::from_utf8(pair).ok()?, 16).ok().filter(|_| pair.len() == 2));
-    let bytes = pairs.collect::<Option<Vec<u8>>>().filter(|bytes| !bytes.is_empty());
+    let bytes = read_hex(node.text(key)?).filter(|bytes| !bytes.is_empty());
     bytes.ok_or_else(|| node.unexpected(key, "bytes in hexadecimal, such as \"FE 81\""))
 }
 

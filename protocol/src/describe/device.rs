@@ -1,0 +1,95 @@
+//! Descriptions of any unit's wire: C header, dissector, document.
+
+use crate::hex::spaced_hex;
+use crate::layout::{Check, Coding, CrcParameters, Field, Frame, FrameSet};
+use crate::map;
+use crate::template::{Value, engine, filled};
+
+/// A unit with its links.
+#[derive(Debug)]
+pub struct Wire<'a> {
+    /// Name in identifiers of programs, of letters, digits and underscores.
+    pub prefix: &'a str,
+    pub title: &'a str,
+    pub source: &'a str,
+    /// Name and unit vector of each head's input axis.
+    pub heads: Vec<(&'a str, [f64; 3])>,
+    /// In words: output, interval, range.
+    pub output: String,
+    /// Names of the links, their rates, and their frames.
+    pub links: Vec<(&'a str, u32, &'a FrameSet)>,
+}
+
+impl Wire<'_> {
+    /// The header for on-board software, in C.
+    pub fn header(&self) -> String {
+        filled(&engine(), include_str!("device.h"), &self.tables())
+    }
+
+    /// The dissector for Wireshark.
+    pub fn dissector(&self) -> String {
+        filled(&engine(), include_str!("device.lua"), &self.tables())
+    }
+
+    /// The interface control document.
+    pub fn icd(&self) -> String {
+        filled(&engine(), include_str!("device.md"), &self.tables())
+    }
+
+    fn tables(&self) -> Value {
+        let heads = self.heads.iter().map(|(name, axis)| {
+            map! { name: *name, axis: axis.map(|part| format!("{part:.6}")).join(", ") }
+        });
+        let links = self.links.iter().map(|(name, rate, set)| {
+            let values =
+                set.values.iter().enumerate().map(|(slot, value)| map! { name: value.name.clone(), slot: slot as u32 });
+            let (modulus, step) = set.sequence;
+            map! { name: *name, rate: *rate, is_can: *name == "CAN", values: values.collect::<Value>(),
+            modulus: modulus.to_string(), step: step.to_string(),
+            frames: set.frames.iter().map(|own| frame(own, set)).collect::<Value>() }
+        });
+        map! { prefix: self.prefix, title: self.title, source: self.source, output: self.output.clone(),
+        heads: heads.collect::<Value>(), links: links.collect::<Value>() }
+    }
+}
+
+fn frame(frame: &Frame, set: &FrameSet) -> Value {
+    let listed = |bytes: &[u8]| bytes.iter().map(u8::to_string).collect::<Vec<_>>().join(", ");
+    let (id, is_extended) = frame.id.unwrap_or_default();
+    let fields = frame.fields.iter().map(|own| field(own, &set.values[own.slot].name));
+    map! { name: frame.name.clone(), id: id, is_extended: is_extended, length: frame.length() as u32, every: frame.every,
+    is_rare: frame.every > 1, start: spaced_hex(frame.start()), has_start: !frame.start().is_empty(),
+    template: listed(frame.template()), required: listed(frame.required()),
+    fields: fields.collect::<Value>(), checks: frame.checks.iter().map(|own| check(own, frame)).collect::<Value>() }
+}
+
+/// A number that a program can hold exactly.
+fn exact(number: f64) -> String {
+    format!("{number:?}")
+}
+
+fn field(field: &Field, name: &str) -> Value {
+    let place = field.place;
+    let (scale, divisor, offset) = field.scaling();
+    let coding = match place.coding {
+        Coding::Unsigned => "UNSIGNED",
+        Coding::Signed => "SIGNED",
+        Coding::Float => "FLOAT",
+    };
+    map! { name: name, slot: field.slot as u32, at: place.at as u32, length: place.length as u32, type: place.to_string(),
+    is_little_endian: place.is_little_endian(), shift: place.shift(), bits: place.bits, coding: coding,
+    scale: exact(scale), divisor: exact(divisor), offset: exact(offset), formula: field.formula() }
+}
+
+fn check(check: &Check, frame: &Frame) -> Value {
+    let place = check.place;
+    let hex = |number: u64| format!("0x{number:X}");
+    let crc = check.parameters().unwrap_or(CrcParameters { width: 0, ..CrcParameters::default() });
+    map! { text: check.in_words(frame.length()), at: place.at as u32, length: place.length as u32, type: place.to_string(),
+    is_little_endian: place.is_little_endian(), shift: place.shift(), bits: place.bits, from: check.covers.start as u32,
+    to: check.covers.end as u32, pad_to: check.pad_to as u32,
+    suffix: check.suffix.iter().map(|byte| u32::from(*byte)).collect::<Value>(), suffix_list: check.suffix.iter().map(u8::to_string).collect::<Vec<_>>().join(", "),
+    width: crc.width, polynomial: hex(crc.polynomial), initial: hex(crc.initial), reflects_input: crc.reflects_input,
+    reflects_output: crc.reflects_output, final_xor: hex(crc.final_xor),
+    kind: if crc.width > 0 { "CRC".to_owned() } else { check.name.to_uppercase().replace('-', "_") } }
+}

@@ -1,0 +1,209 @@
+//! Generated descriptions of known units: programs that are not ours read the same values with them.
+
+use std::fmt::Write;
+use std::path::Path;
+use std::process::Command;
+
+use geu_model::device::{DEVICES, Device};
+use geu_protocol::layout::{Frame, FrameSet};
+
+use crate::describe::{
+    LINKTYPE_CAN_SOCKETCAN, LINKTYPE_RAW, NO_TSHARK, dissect_with, here, pcap, run, skip, socketcan, tcp, text,
+};
+
+/// Links of a unit: true for CAN.
+fn links(device: &Device) -> impl Iterator<Item = (bool, &FrameSet)> {
+    let serial = device.serial.iter().map(|serial| (false, &*serial.frames));
+    serial.chain(device.can.iter().map(|can| (true, &*can.frames)))
+}
+
+fn prefix(name: &str) -> String {
+    name.replace(['-', '.'], "_")
+}
+
+/// Bytes of a frame in which every field has some number, by `seed`.
+fn bytes(frame: &Frame, set: &FrameSet, seed: u64) -> Vec<u8> {
+    let mut values = vec![0.0; set.values.len()];
+    for (index, field) in frame.fields.iter().enumerate() {
+        let share = (seed * 7919 + index as u64 * 104_729) % 1_000 * 1_000_003 % 1_000;
+        let (low, high) = field.limits();
+        values[field.slot] = if high.is_finite() && high < 1e30 {
+            low + (high - low) * share as f64 / 999.0
+        } else {
+            share as f64 * 1e-6
+        };
+    }
+    let mut bytes = Vec::new();
+    frame.write(&values, &mut bytes);
+    bytes
+}
+
+/// Values of a frame by their names.
+fn values<'a>(frame: &'a Frame, set: &'a FrameSet, bytes: &[u8]) -> Vec<(&'a str, f64)> {
+    let mut values = vec![0.0; set.values.len()];
+    frame.read(bytes, &mut values);
+    frame.fields.iter().map(|field| (set.values[field.slot].name.as_str(), values[field.slot])).collect()
+}
+
+const SEEDS: std::ops::Range<u64> = 0..40;
+
+#[test]
+fn c_programs_read_the_values_that_the_layout_reads_and_refuse_corrupted_frames() {
+    let directory = tempfile::tempdir().unwrap();
+    for (name, _) in DEVICES {
+        let (device, prefix) = (Device::named(name).unwrap(), prefix(name));
+        std::fs::write(directory.path().join("unit.h"), device.wire(&prefix).header()).unwrap();
+        for (is_can, set) in links(&device) {
+            for frame in &set.frames {
+                let (mut vectors, mut expected) = (String::new(), String::new());
+                for seed in SEEDS {
+                    let mut bytes = bytes(frame, set, seed);
+                    let is_corrupt = seed % 4 == 3 && !frame.checks.is_empty();
+                    if !is_corrupt {
+                        _ = writeln!(expected, "0");
+                        values(frame, set, &bytes)
+                            .iter()
+                            .for_each(|(name, value)| _ = writeln!(expected, "{name} {value:.17e}"));
+                    } else {
+                        let bit = seed as usize * 5 % (8 * bytes.len());
+                        bytes[bit / 8] ^= 1 << (bit % 8);
+                        _ = writeln!(expected, "refused");
+                    }
+                    let listed: Vec<String> = bytes.iter().map(u8::to_string).collect();
+                    _ = writeln!(vectors, "{{{}}},", listed.join(", "));
+                }
+                let printed: String = frame
+                    .fields
+                    .iter()
+                    .map(|field| {
+                        let name = &set.values[field.slot].name;
+                        format!("printf(\"{name} %.17e\\n\", sample.{name});\n")
+                    })
+                    .collect();
+                let (kind, own, length) = (if is_can { "can" } else { "serial" }, &frame.name, frame.length());
+                let program = format!(
+                    "#include <stdio.h>\n#include \"unit.h\"\nstatic const uint8_t vectors[][{length}] = {{ {vectors} }};\n\
+                     int main(void) {{\n{prefix}_{kind}_sample sample;\nmemset(&sample, 0, sizeof sample);\n\
+                     for (size_t index = 0; index < sizeof vectors / sizeof vectors[0]; index++) {{\n\
+                     int result = (int){prefix}_read_{own}(vectors[index], {length}, &sample);\n\
+                     if (result) {{ puts(\"refused\"); continue; }}\nputs(\"0\");\n{printed}}}\nreturn 0;\n}}\n"
+                );
+                let source = directory.path().join("unit.c");
+                std::fs::write(&source, program).unwrap();
+                let executable = directory.path().join("unit");
+                let arguments = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-o"].map(Path::new);
+                let arguments = arguments.into_iter().chain([executable.as_path(), &source]).collect::<Vec<_>>();
+                let Some(compiled) = run("cc", &arguments) else {
+                    return skip("cc is absent; the C headers were not tried");
+                };
+                assert!(compiled.status.success(), "{name}: {}", text(&compiled));
+                let output = Command::new(&executable).output().unwrap();
+                let got = String::from_utf8(output.stdout).unwrap();
+                let same = |line: &str| {
+                    line.split_once(' ').map_or_else(
+                        || line.to_owned(),
+                        |(name, value)| format!("{name} {}", value.parse::<f64>().unwrap()),
+                    )
+                };
+                let [got, expected] = [got, expected].map(|text| text.lines().map(same).collect::<Vec<_>>());
+                assert_eq!(got, expected, "{name} {own}");
+            }
+        }
+    }
+}
+
+#[test]
+fn tshark_reads_the_values_that_the_layout_reads() {
+    let directory = tempfile::tempdir().unwrap();
+    for (name, _) in DEVICES {
+        let (device, prefix) = (Device::named(name).unwrap(), prefix(name));
+        let dissector = directory.path().join(format!("{prefix}.lua"));
+        std::fs::write(&dissector, device.wire(&prefix).dissector()).unwrap();
+        for (is_can, set) in links(&device) {
+            let (mut packets, mut expected): (Vec<Vec<u8>>, Vec<Vec<(String, f64)>>) = Default::default();
+            for seed in SEEDS {
+                for frame in &set.frames {
+                    let bytes = bytes(frame, set, seed);
+                    let named = values(frame, set, &bytes);
+                    expected.push(named.into_iter().map(|(name, value)| (format!("{prefix}.{name}"), value)).collect());
+                    let (id, is_extended) = frame.id.unwrap_or_default();
+                    packets.push(if is_can { socketcan(id | u32::from(is_extended) << 31, &bytes) } else { bytes });
+                }
+            }
+            let option = format!("{prefix}.tcp_port:4700");
+            let (link, packets, options) = match is_can {
+                true => (LINKTYPE_CAN_SOCKETCAN, packets, vec![]),
+                // Segments that do not end where frames do.
+                false => {
+                    let all = packets.concat();
+                    let segments: Vec<&[u8]> = all.chunks(all.len() / 7 + 1).collect();
+                    (LINKTYPE_RAW, tcp(4700, &segments), vec!["-o", &option])
+                }
+            };
+            let names: Vec<String> = set.values.iter().map(|value| format!("{prefix}.{}", value.name)).collect();
+            let good = format!("{prefix}.check_good");
+            let fields: Vec<&str> = names.iter().map(String::as_str).chain([good.as_str()]).collect();
+            let Some(rows) = dissect_with(&dissector, &pcap(link, &packets), &options, &fields) else {
+                return skip(NO_TSHARK);
+            };
+            for (index, field) in fields.iter().enumerate() {
+                let all = rows.iter().filter_map(|row| row.get(index)).flat_map(|own| own.split(','));
+                let got: Vec<&str> = all.filter(|text| !text.is_empty()).collect();
+                if *field == good {
+                    let checks: usize = set.frames.iter().map(|frame| frame.checks.len()).sum();
+                    assert_eq!(got, vec!["1"; checks * SEEDS.count()], "{name}");
+                    continue;
+                }
+                let own: Vec<f64> =
+                    expected.iter().flatten().filter(|(name, _)| name == field).map(|(_, value)| *value).collect();
+                assert_eq!(got.len(), own.len(), "{name} {field}");
+                for (got, own) in got.iter().zip(own) {
+                    let got: f64 = got.parse().unwrap();
+                    assert!((got - own).abs() <= 1e-6 * own.abs().max(1e-9), "{name} {field}: {got}, expected {own}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn cantools_reads_the_values_that_the_layout_reads() {
+    let present = run("python3", &["-c", "import cantools"]);
+    if !present.is_some_and(|output| output.status.success()) {
+        return skip("python3 with cantools is absent; the CAN databases of units were not tried");
+    }
+    let directory = tempfile::tempdir().unwrap();
+    for (name, _) in DEVICES {
+        let device = Device::named(name).unwrap();
+        let Some(can) = &device.can else { continue };
+        let database = directory.path().join("unit.dbc");
+        std::fs::write(&database, &can.dbc).unwrap();
+        let (mut lines, mut expected) = (String::new(), Vec::new());
+        for frame in &can.frames.frames {
+            for seed in SEEDS {
+                let bytes = bytes(frame, &can.frames, seed);
+                let (id, _) = frame.id.unwrap();
+                _ = writeln!(lines, "{id} {}", geu_protocol::hex::hex(&bytes));
+                // Fields of whole signals with a scale of the database; bits and inverted ones are ours.
+                let own = frame.fields.iter().zip(values(frame, &can.frames, &bytes));
+                expected.push(
+                    own.filter(|(field, _)| field.place.bits > 1).map(|(_, (_, value))| value).collect::<Vec<f64>>(),
+                );
+            }
+        }
+        let vectors = directory.path().join("vectors.txt");
+        std::fs::write(&vectors, lines).unwrap();
+        let script = here("tests/describe/unit.py");
+        let output =
+            run("python3", &[script.as_os_str(), database.as_os_str(), vectors.as_os_str()]).expect("python3 exists");
+        assert!(output.status.success(), "{}", text(&output));
+        let got = String::from_utf8(output.stdout).unwrap();
+        assert_eq!(got.lines().count(), expected.len());
+        for (line, expected) in got.lines().zip(expected) {
+            let signals: Vec<f64> = line.split(' ').map(|number| number.parse().unwrap()).collect();
+            for value in expected {
+                assert!(signals.iter().any(|own| (own - value).abs() < 1e-9), "{name}: {value} is none of {line}");
+            }
+        }
+    }
+}
