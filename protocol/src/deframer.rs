@@ -7,17 +7,17 @@ use crate::serial::SerialDefect;
 
 /// The frames of a link.
 pub trait Framing {
-    /// What a frame is.
-    type Kind: Copy;
+    /// Meaning of a frame.
+    type Frame: Copy;
 
     /// Number of bytes before the next place at which a frame may begin; `bytes` is not empty.
     fn next(&self, bytes: &[u8]) -> usize;
 
     /// The frame at the start of `bytes`, where one may begin.
-    fn candidate<'a>(&self, bytes: &'a [u8]) -> Candidate<'a, Self::Kind>;
+    fn candidate<'a>(&self, bytes: &'a [u8]) -> Candidate<'a, Self::Frame>;
 }
 
-/// What stands at a place where a frame may begin.
+/// Bytes at a place where a frame may begin.
 pub enum Candidate<'a, K> {
     Frame {
         kind: K,
@@ -112,18 +112,18 @@ impl<F: Framing> FrameFinder<F> {
     /// Reads the next bytes of the stream and returns the number of bytes consumed. The next call must begin with the rest,
     /// which is shorter than a frame.
     #[inline]
-    pub fn consume(&mut self, bytes: &[u8], sink: &mut impl FnMut(FrameEvent<F::Kind>)) -> usize {
+    pub fn consume(&mut self, bytes: &[u8], sink: &mut impl FnMut(FrameEvent<F::Frame>)) -> usize {
         self.run(bytes, false, sink)
     }
 
     /// Reads the last bytes; an incomplete frame is cut.
-    pub fn finish(&mut self, bytes: &[u8], sink: &mut impl FnMut(FrameEvent<F::Kind>)) {
+    pub fn finish(&mut self, bytes: &[u8], sink: &mut impl FnMut(FrameEvent<F::Frame>)) {
         self.run(bytes, true, sink);
         self.end_skipping(sink);
     }
 
     #[inline]
-    fn run(&mut self, bytes: &[u8], last: bool, sink: &mut impl FnMut(FrameEvent<F::Kind>)) -> usize {
+    fn run(&mut self, bytes: &[u8], last: bool, sink: &mut impl FnMut(FrameEvent<F::Frame>)) -> usize {
         let (start, mut at) = (self.offset, 0);
         while at < bytes.len() {
             let rest = &bytes[at..];
@@ -160,7 +160,7 @@ impl<F: Framing> FrameFinder<F> {
         self.skipping.get_or_insert(Run { at, first: [0; MAX_SKIPPED_EXCERPT], kept: 0 }).extend(bytes);
     }
 
-    fn end_skipping(&mut self, sink: &mut impl FnMut(FrameEvent<F::Kind>)) {
+    fn end_skipping(&mut self, sink: &mut impl FnMut(FrameEvent<F::Frame>)) {
         if let Some(run) = self.skipping.take() {
             let first = &run.first[..usize::from(run.kept)];
             sink(FrameEvent::Skipped { at: run.at, length: self.offset - run.at, first });

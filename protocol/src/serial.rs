@@ -137,7 +137,7 @@ pub type DeframerEvent<'a> = FrameEvent<'a, FrameType>;
 pub struct UnitFrames;
 
 impl Framing for UnitFrames {
-    type Kind = FrameType;
+    type Frame = FrameType;
 
     #[inline]
     fn next(&self, bytes: &[u8]) -> usize {

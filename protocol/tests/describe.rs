@@ -98,7 +98,7 @@ pub fn pcap(link_type: u32, packets: &[Vec<u8>]) -> Vec<u8> {
 pub const LINKTYPE_CAN_SOCKETCAN: u32 = 227;
 pub const LINKTYPE_RAW: u32 = 101;
 
-/// A frame with an identifier as SocketCAN has it: bit 31 is set for one of 29 bits.
+/// A frame with an identifier as SocketCAN has it: bit 31 is set for 29 bits.
 pub fn socketcan(id: u32, data: &[u8]) -> Vec<u8> {
     let mut packet = id.to_be_bytes().to_vec();
     packet.extend_from_slice(&[data.len() as u8, 0, 0, 0]);
@@ -130,7 +130,7 @@ fn dissect(capture: &[u8], options: &[&str], fields: &[&str]) -> Option<Vec<Vec<
     dissect_with(&here("geu.lua"), capture, options, fields)
 }
 
-/// The same with the dissector of this file.
+/// Reads with the dissector of a file.
 pub fn dissect_with(dissector: &Path, capture: &[u8], options: &[&str], fields: &[&str]) -> Option<Vec<Vec<String>>> {
     let mut file = tempfile::NamedTempFile::new().unwrap();
     file.write_all(capture).unwrap();

@@ -51,7 +51,7 @@ const SEEDS: std::ops::Range<u64> = 0..40;
 fn c_programs_read_the_values_that_the_layout_reads_and_refuse_corrupted_frames() {
     let directory = tempfile::tempdir().unwrap();
     for (name, _) in DEVICES {
-        let (device, prefix) = (Device::named(name).unwrap(), prefix(name));
+        let (device, prefix) = (Device::from_name(name).unwrap(), prefix(name));
         std::fs::write(directory.path().join("unit.h"), device.wire(&prefix).header()).unwrap();
         for (is_can, set) in links(&device) {
             for frame in &set.frames {
@@ -116,7 +116,7 @@ fn c_programs_read_the_values_that_the_layout_reads_and_refuse_corrupted_frames(
 fn tshark_reads_the_values_that_the_layout_reads() {
     let directory = tempfile::tempdir().unwrap();
     for (name, _) in DEVICES {
-        let (device, prefix) = (Device::named(name).unwrap(), prefix(name));
+        let (device, prefix) = (Device::from_name(name).unwrap(), prefix(name));
         let dissector = directory.path().join(format!("{prefix}.lua"));
         std::fs::write(&dissector, device.wire(&prefix).dissector()).unwrap();
         for (is_can, set) in links(&device) {
@@ -174,7 +174,7 @@ fn cantools_reads_the_values_that_the_layout_reads() {
     }
     let directory = tempfile::tempdir().unwrap();
     for (name, _) in DEVICES {
-        let device = Device::named(name).unwrap();
+        let device = Device::from_name(name).unwrap();
         let Some(can) = &device.can else { continue };
         let database = directory.path().join("unit.dbc");
         std::fs::write(&database, &can.dbc).unwrap();
@@ -202,7 +202,7 @@ fn cantools_reads_the_values_that_the_layout_reads() {
         for (line, expected) in got.lines().zip(expected) {
             let signals: Vec<f64> = line.split(' ').map(|number| number.parse().unwrap()).collect();
             for value in expected {
-                assert!(signals.iter().any(|own| (own - value).abs() < 1e-9), "{name}: {value} is none of {line}");
+                assert!(signals.iter().any(|own| (own - value).abs() < 1e-9), "{name}: {value} is not in {line}");
             }
         }
     }

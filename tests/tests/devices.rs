@@ -142,7 +142,7 @@ fn messages_of_a_can_unit_make_samples_on_the_interface_that_has_them() {
         text += &format!("({t_s:.6}) vcan1 {}#{}\n", first.0, first.1);
         text += &format!("({t_s:.6}) vcan1 123#00\n");
         match sample {
-            // A message that is missing, one with a wrong check, one of a wrong length.
+            // A missing message, a wrong check, a wrong length.
             200 => {}
             300 => text += &format!("({t_s:.6}) vcan1 {}#{}00\n", second.0, &second.1[..14]),
             400 => text += &format!("({t_s:.6}) vcan1 {}#{}\n", second.0, &second.1[..14]),

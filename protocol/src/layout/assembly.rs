@@ -18,7 +18,7 @@ pub struct Assembly {
     every: u64,
 }
 
-/// What a frame led to.
+/// Result of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Assembled {
     /// More frames are missing.
@@ -105,12 +105,12 @@ impl Sequence {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::layout::{Field, Frame, Number, Place, ValueSpec};
+    use crate::layout::{BitField, Field, Frame, Number, ValueSpec};
 
     fn frames(sequence: (u64, u64)) -> Arc<FrameSet> {
         let frame = |name: &str, slot, every| {
             let mut frame = Frame::new(name, 1);
-            frame.fields.push(Field::new(slot, Place::bytes(0, Number::from_name("u8").unwrap())));
+            frame.fields.push(Field::new(slot, BitField::bytes(0, Number::from_name("u8").unwrap())));
             frame.every = every;
             frame
         };

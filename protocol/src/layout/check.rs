@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use ::crc::{self, Crc, Table};
 
-use super::number::Place;
+use super::number::BitField;
 use crate::hex::spaced_hex;
 
 /// An algorithm ready to run.
@@ -14,11 +14,11 @@ enum Engine {
     Crc8(Crc<u8, Table<16>>),
     Crc16(Crc<u16, Table<16>>),
     Crc32(Crc<u32, Table<16>>),
-    /// Of the bytes, modulo the field's width.
+    /// Sum of the bytes, modulo the field's width.
     Sum,
     /// The sum's two's complement, so that all bytes together add up to 0.
     NegatedSum,
-    /// Of the bytes.
+    /// Exclusive-or of the bytes.
     Xor,
 }
 
@@ -77,8 +77,8 @@ pub struct CrcParameters {
 pub struct Check {
     pub name: String,
     engine: Arc<Engine>,
-    pub place: Place,
-    /// Bytes covered; those of the check itself are left out.
+    pub place: BitField,
+    /// Bytes covered, without the check itself.
     pub covers: Range<usize>,
     /// Zeros follow the covered bytes up to a multiple of this.
     pub pad_to: usize,
@@ -94,7 +94,7 @@ impl Debug for Check {
 
 impl Check {
     /// The check of that name; `None` for an unknown name.
-    pub fn new(name: &str, place: Place, covers: Range<usize>) -> Option<Check> {
+    pub fn new(name: &str, place: BitField, covers: Range<usize>) -> Option<Check> {
         let crc = CATALOGUE.iter().find(|(algorithm, _)| catalogue_name(algorithm) == name);
         let (_, engine) = crc.or_else(|| SUMS.iter().find(|(sum, _)| *sum == name))?;
         Some(Check { name: name.to_owned(), engine: Arc::new(engine()), place, covers, pad_to: 1, suffix: Vec::new() })
@@ -197,7 +197,7 @@ mod tests {
     use crate::layout::Number;
 
     fn check(name: &str, number: &str, at: usize, covers: Range<usize>) -> Check {
-        Check::new(name, Place::bytes(at, Number::from_name(number).unwrap()), covers).unwrap()
+        Check::new(name, BitField::bytes(at, Number::from_name(number).unwrap()), covers).unwrap()
     }
 
     #[test]

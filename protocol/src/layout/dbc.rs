@@ -2,7 +2,7 @@
 
 use can_dbc::{ByteOrder, Dbc, MessageId, MultiplexIndicator, SignalExtendedValueType, ValueType};
 
-use super::number::{Coding, Place};
+use super::number::{BitField, Coding};
 
 /// The messages of a database.
 #[derive(Debug, Clone)]
@@ -27,7 +27,7 @@ pub struct DatabaseMessage {
 pub struct DatabaseSignal {
     pub name: String,
     /// `None` for more than 8 bytes, or outside of the message.
-    pub place: Option<Place>,
+    pub place: Option<BitField>,
     pub scale: f64,
     pub offset: f64,
     /// Unit, as the database has it.
@@ -70,7 +70,7 @@ impl Database {
                     (_, ValueType::Unsigned) => Coding::Unsigned,
                 };
                 let is_little_endian = signal.byte_order == ByteOrder::LittleEndian;
-                let place = Place::signal(signal.start_bit as usize, signal.size as usize, is_little_endian, coding);
+                let place = BitField::signal(signal.start_bit as usize, signal.size as usize, is_little_endian, coding);
                 let start = database.resolved_signal_attribute(message.id, &signal.name, "GenSigStartValue");
                 DatabaseSignal {
                     name: signal.name.clone(),
@@ -94,7 +94,7 @@ impl Database {
 }
 
 /// True for a width that a number can have.
-fn is_width(place: &Place) -> bool {
+fn is_width(place: &BitField) -> bool {
     match place.coding {
         Coding::Float => matches!(place.bits, 32 | 64),
         _ => true,

@@ -1,14 +1,14 @@
 //! A frame: constants, fields and check values at fixed places.
 
 use super::check::Check;
-use super::number::Place;
+use super::number::BitField;
 
 /// A number that a frame carries.
 #[derive(Debug, Clone)]
 pub struct Field {
-    /// Place of its value in a sample.
+    /// BitField of its value in a sample.
     pub slot: usize,
-    pub place: Place,
+    pub place: BitField,
     /// Value of one unit of the number: `scale`, or 1 / `divisor` where that is exact.
     scale: f64,
     divisor: f64,
@@ -18,11 +18,11 @@ pub struct Field {
 
 impl Field {
     /// A field with the number as its value.
-    pub fn new(slot: usize, place: Place) -> Field {
+    pub fn new(slot: usize, place: BitField) -> Field {
         Field { slot, place, scale: 1.0, divisor: 1.0, offset: 0.0 }
     }
 
-    /// The same with another scale and offset. A scale such as 0.005 divides by 200, so that values are the nearest to their decimals.
+    /// Sets scale and offset. A scale such as 0.005 divides by 200, so that values are the nearest to their decimals.
     pub fn scaled(self, scale: f64, offset: f64) -> Field {
         let divisor = (1.0 / scale).round();
         match divisor.abs() > 1.0 && 1.0 / divisor == scale {
@@ -116,12 +116,12 @@ impl Frame {
     }
 
     /// Sends this number, and ignores it when it is read.
-    pub fn set_number(&mut self, place: Place, number: f64) {
+    pub fn set_number(&mut self, place: BitField, number: f64) {
         place.write(number, &mut self.template);
     }
 
     /// Requires these bits.
-    pub fn set_selector(&mut self, place: Place, bits: u64) {
+    pub fn set_selector(&mut self, place: BitField, bits: u64) {
         place.write_bits(bits, &mut self.template);
         place.write_bits(u64::MAX, &mut self.required);
     }
@@ -178,7 +178,7 @@ mod tests {
 
     #[test]
     fn values_of_a_decimal_scale_are_the_nearest_to_their_decimals() {
-        let place = Place::bytes(0, Number::from_name("u16be").unwrap());
+        let place = BitField::bytes(0, Number::from_name("u16be").unwrap());
         let field = Field::new(0, place).scaled(0.005, -163.84);
         assert_eq!((field.divisor, field.scale()), (200.0, 0.005));
         for number in 0..=u16::MAX {
@@ -198,7 +198,7 @@ mod tests {
         let mut frame = Frame::new("F", 3);
         frame.set_constant(0, &[0xA5]);
         frame.set_ignored(1, &[7]);
-        frame.set_selector(Place::bytes(2, Number::from_name("u8").unwrap()).bits_of(0, 4), 3);
+        frame.set_selector(BitField::bytes(2, Number::from_name("u8").unwrap()).bits_of(0, 4), 3);
         assert_eq!(frame.start(), [0xA5]);
         let mut bytes = Vec::new();
         frame.write(&[], &mut bytes);

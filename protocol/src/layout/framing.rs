@@ -38,7 +38,7 @@ fn begins(frame: &Frame, bytes: &[u8]) -> bool {
 
 impl Framing for SerialFrames {
     /// Number of the frame.
-    type Kind = usize;
+    type Frame = usize;
 
     #[inline]
     fn next(&self, bytes: &[u8]) -> usize {
@@ -75,11 +75,11 @@ impl Framing for SerialFrames {
 mod tests {
     use super::*;
     use crate::deframer::{FrameEvent, FrameFinder};
-    use crate::layout::{Check, Field, Number, Place};
+    use crate::layout::{BitField, Check, Field, Number};
     use proptest::prelude::*;
 
     fn frames() -> Arc<FrameSet> {
-        let number = |at, name| Place::bytes(at, Number::from_name(name).unwrap());
+        let number = |at, name| BitField::bytes(at, Number::from_name(name).unwrap());
         let mut data = Frame::new("DATA", 5);
         data.set_constant(0, &[0xA5]);
         data.fields.push(Field::new(0, number(1, "i16be")));
@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_of_several_lengths_are_told_by_their_checks() {
+    fn frames_of_several_lengths_are_distinguished_by_their_checks() {
         let frames = frames();
         let mut bytes = vec![0xA5, 0x5A];
         frames.frames[1].write(&[0.0, 9.0], &mut bytes);

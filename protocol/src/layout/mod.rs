@@ -3,8 +3,8 @@
 //! A [`FrameSet`] is compiled once. It writes a sample to bytes, and reads bytes to samples. No clock, no files.
 //!
 //! ```
-//! use geu_protocol::layout::{Check, Field, Frame, Number, Place};
-//! let number = |at, name| Place::bytes(at, Number::from_name(name).unwrap());
+//! use geu_protocol::layout::{Check, Field, Frame, Number, BitField};
+//! let number = |at, name| BitField::bytes(at, Number::from_name(name).unwrap());
 //! let mut frame = Frame::new("DATA", 7);
 //! frame.set_constant(0, &[0xA5]);
 //! frame.fields.push(Field::new(0, number(1, "i24be")).scaled(1.0 / 16384.0, 0.0));
@@ -31,9 +31,9 @@ pub use check::{Check, CrcParameters, check_names};
 pub use dbc::{Database, DatabaseMessage, DatabaseSignal, SignalRole};
 pub use frame::{Field, Frame};
 pub use framing::SerialFrames;
-pub use number::{Coding, Number, Place};
+pub use number::{BitField, Coding, Number};
 
-/// What a field carries.
+/// Meaning of a field.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Quantity {
     /// Increment or rate of a head, by its number.
@@ -64,7 +64,7 @@ pub struct ValueSpec {
     pub quantity: Quantity,
     /// Name of its column in a table, unit last.
     pub name: String,
-    /// Of one unit of the value: arcsec, arcsec/s, °C, s.
+    /// Size of one unit of the value: arcsec, arcsec/s, °C, s.
     pub factor: f64,
 }
 
@@ -78,7 +78,7 @@ pub struct FrameSet {
 }
 
 impl FrameSet {
-    /// Place of a quantity among the values of a sample.
+    /// BitField of a quantity among the values of a sample.
     pub fn slot(&self, quantity: &Quantity) -> Option<usize> {
         self.values.iter().position(|value| value.quantity == *quantity)
     }

@@ -55,9 +55,9 @@ impl Number {
     }
 }
 
-/// Place of a number in bytes.
+/// BitField of a number in bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Place {
+pub struct BitField {
     /// First byte, and number of bytes, at most 8.
     pub at: usize,
     pub length: usize,
@@ -69,21 +69,21 @@ pub struct Place {
     pub coding: Coding,
 }
 
-impl Place {
+impl BitField {
     /// A number of whole bytes from byte `at` on.
-    pub fn bytes(at: usize, number: Number) -> Place {
+    pub fn bytes(at: usize, number: Number) -> BitField {
         let Number { coding, length, is_little_endian } = number;
-        Place { at, length, is_little_endian, shift: 0, bits: 8 * length as u32, coding }
+        BitField { at, length, is_little_endian, shift: 0, bits: 8 * length as u32, coding }
     }
 
     /// Bits of a number of whole bytes, the lowest of which has the number `bit`.
-    pub fn bits_of(self, bit: u32, bits: u32) -> Place {
-        Place { shift: self.shift + bit, bits, coding: Coding::Unsigned, ..self }
+    pub fn bits_of(self, bit: u32, bits: u32) -> BitField {
+        BitField { shift: self.shift + bit, bits, coding: Coding::Unsigned, ..self }
     }
 
     /// A signal of a CAN database: `start` is the lowest bit of a little-endian signal, the highest of a big-endian one, counted from
     /// bit 0 of byte 0. `None` for more than 8 bytes.
-    pub fn signal(start: usize, bits: usize, is_little_endian: bool, coding: Coding) -> Option<Place> {
+    pub fn signal(start: usize, bits: usize, is_little_endian: bool, coding: Coding) -> Option<BitField> {
         let (at, shift, length) = if is_little_endian {
             (start / 8, start % 8, (start % 8 + bits).div_ceil(8))
         } else {
@@ -91,7 +91,7 @@ impl Place {
             let length = (before + bits).div_ceil(8);
             (start / 8, 8 * length - before - bits, length)
         };
-        let place = Place { at, length, is_little_endian, shift: shift as u32, bits: bits as u32, coding };
+        let place = BitField { at, length, is_little_endian, shift: shift as u32, bits: bits as u32, coding };
         (bits > 0 && length <= 8).then_some(place)
     }
 
@@ -184,10 +184,10 @@ impl Place {
     }
 }
 
-impl std::fmt::Display for Place {
-    /// Its type, or its bits.
+impl std::fmt::Display for BitField {
+    /// Writes the type, or the bits.
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        let Place { length, is_little_endian, coding, .. } = *self;
+        let BitField { length, is_little_endian, coding, .. } = *self;
         let number = Number { coding, length, is_little_endian };
         match self.bits {
             bits if bits as usize == 8 * length => f.write_str(&number.name()),
@@ -216,11 +216,12 @@ mod tests {
     fn signals_have_the_bits_that_cantools_gives_them() {
         // cantools 45: 3|12@0+, 52|12@1-, 17|10@0+ of these bytes.
         let bytes = [0x12, 0x34, 0x56, 0x78, 0x9A, 0xBC, 0xDE, 0xF0];
-        let read = |start, bits, is_little, coding| Place::signal(start, bits, is_little, coding).unwrap().read(&bytes);
+        let read =
+            |start, bits, is_little, coding| BitField::signal(start, bits, is_little, coding).unwrap().read(&bytes);
         assert_eq!(read(3, 12, false, Coding::Unsigned), f64::from(0x234));
         assert_eq!(read(52, 12, true, Coding::Signed), f64::from(0xF0D_i32 - 0x1000));
         assert_eq!(read(17, 10, false, Coding::Unsigned), f64::from(0b10_0111_1000));
-        assert_eq!(Place::signal(3, 64, false, Coding::Unsigned), None);
+        assert_eq!(BitField::signal(3, 64, false, Coding::Unsigned), None);
     }
 
     proptest! {
@@ -229,7 +230,7 @@ mod tests {
             start in 0usize..64, bits in 1usize..=48, is_little: bool, is_signed: bool, value: i64, fill: [u8; 16],
         ) {
             let coding = if is_signed { Coding::Signed } else { Coding::Unsigned };
-            let Some(place) = Place::signal(start, bits, is_little, coding) else { return Ok(()) };
+            let Some(place) = BitField::signal(start, bits, is_little, coding) else { return Ok(()) };
             let (low, high) = place.limits();
             let value = (value >> (64 - bits)) as f64;
             let value = value.clamp(low, high);

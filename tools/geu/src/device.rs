@@ -44,13 +44,13 @@ enum Action {
 /// # Errors
 /// No such unit, or a description that is not valid.
 pub fn device(name: &str) -> Result<Device, CommandError> {
-    match Device::named(name) {
+    match Device::from_name(name) {
         Some(device) => Ok(device),
         None if !Path::new(name).exists() => {
             let names: Vec<&str> = DEVICES.iter().map(|(name, _)| *name).collect();
             let hint = did_you_mean(name, &names);
             let known = names.join(", ");
-            Err(CommandError::input(format!("{name}: {hint}expected a description (TOML), or one of {known}")))
+            Err(CommandError::input(format!("{name}: {hint}expected a description (TOML), or a name: {known}")))
         }
         None => read(Path::new(name)),
     }

@@ -272,7 +272,7 @@ impl DeviceDecoder {
     /// A decoder before its first input.
     pub fn new(device: &Device, options: &DecoderOptions) -> DeviceDecoder {
         let (can, serial) = (device.can.as_ref().map(|can| &can.frames), device.serial.as_ref().map(|own| &own.frames));
-        // A unit with both links sends one and the same sequence on each; one of them is read.
+        // A unit with both links sends the same sequence on each.
         let frames = can.or(serial).cloned().unwrap_or_else(|| unreachable!("a device has a link"));
         DeviceDecoder {
             can: can.map(|frames| Can::new(frames.clone(), options.interface.as_deref())),

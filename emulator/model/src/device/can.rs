@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use geu_protocol::layout::{Assembly, Database, DatabaseMessage, DatabaseSignal, Frame, FrameSet, Place, SignalRole};
+use geu_protocol::layout::{
+    Assembly, BitField, Database, DatabaseMessage, DatabaseSignal, Frame, FrameSet, SignalRole,
+};
 use geu_protocol::suggestion::did_you_mean;
 
 use super::fields::{Fields, KEYS};
@@ -11,7 +13,7 @@ use super::serial::check;
 use super::{Device, Files, positive};
 use crate::configuration::{ConfigurationError, Node};
 
-/// What a unit sends on CAN.
+/// The messages of a unit on CAN.
 #[derive(Debug, Clone)]
 pub struct CanWire {
     /// Bit rate of the bus; it is for information.
@@ -84,7 +86,7 @@ fn find<'d>(
     node: &Node,
     key: &str,
     name: &str,
-) -> Result<(Key, Place, &'d DatabaseSignal), ConfigurationError> {
+) -> Result<(Key, BitField, &'d DatabaseSignal), ConfigurationError> {
     let names = database
         .messages
         .iter()

@@ -1,6 +1,6 @@
 //! What a field carries: a head's output, another value of the sample, or a bit of a status word.
 
-use geu_protocol::layout::{Coding, Field, FrameSet, Place, Quantity, ValueSpec};
+use geu_protocol::layout::{BitField, Coding, Field, FrameSet, Quantity, ValueSpec};
 
 use super::{Device, Output};
 use crate::configuration::{ConfigurationError, Node};
@@ -41,7 +41,7 @@ impl<'a> Fields<'a> {
         Fields { device, set: FrameSet { frames: Vec::new(), values: Vec::new(), sequence: (1, 1) } }
     }
 
-    /// Place of a quantity among the values, added if it is new.
+    /// BitField of a quantity among the values, added if it is new.
     fn slot(&mut self, quantity: Quantity, name: String, factor: f64) -> usize {
         self.set.slot(&quantity).unwrap_or_else(|| {
             self.set.values.push(ValueSpec { quantity, name, factor });
@@ -56,7 +56,7 @@ impl<'a> Fields<'a> {
     pub fn field(
         &mut self,
         node: &Node,
-        place: Place,
+        place: BitField,
         (scale, offset): (f64, f64),
     ) -> Result<Field, ConfigurationError> {
         let real = |key: &str, default: f64| {
@@ -130,7 +130,7 @@ impl<'a> Fields<'a> {
     }
 
     /// Modulus and step of the sequence in a field.
-    fn sequence(&self, node: &Node, place: &Place) -> Result<(u64, u64), ConfigurationError> {
+    fn sequence(&self, node: &Node, place: &BitField) -> Result<(u64, u64), ConfigurationError> {
         let whole = place.coding == Coding::Unsigned;
         let size = 1u64 << place.bits.min(53);
         let modulus = node.whole_number("modulus")?.unwrap_or(size);
@@ -150,7 +150,7 @@ impl<'a> Fields<'a> {
     ///
     /// # Errors
     /// A bit that the word does not have.
-    pub fn bits(&mut self, node: &Node, word: Place) -> Result<Vec<Field>, ConfigurationError> {
+    pub fn bits(&mut self, node: &Node, word: BitField) -> Result<Vec<Field>, ConfigurationError> {
         let mut fields = Vec::new();
         for name in node.keys() {
             let last = f64::from(word.bits - 1);

@@ -4,7 +4,7 @@
 //!
 //! ```
 //! use geu_model::device::Device;
-//! let device = Device::named("stim300").unwrap();
+//! let device = Device::from_name("stim300").unwrap();
 //! assert_eq!(device.heads.iter().map(|head| head.name.as_str()).collect::<Vec<_>>(), ["X", "Y", "Z"]);
 //! ```
 
@@ -94,7 +94,7 @@ impl Device {
     ///
     /// # Panics
     /// Never: every known description is read by a test.
-    pub fn named(name: &str) -> Option<Device> {
+    pub fn from_name(name: &str) -> Option<Device> {
         let (name, text) = DEVICES.iter().find(|(own, _)| *own == name)?;
         let files = |file: &str| {
             let known = FILES.iter().find(|(own, _)| *own == file);
@@ -191,7 +191,7 @@ impl Device {
     fn head(&self, name: &str) -> Result<usize, String> {
         self.heads.iter().position(|head| head.name == name).ok_or_else(|| {
             let names: Vec<&str> = self.heads.iter().map(|head| head.name.as_str()).collect();
-            format!("{}expected a head, one of {}, got {name}", did_you_mean(name, &names), names.join(", "))
+            format!("{}expected a head ({}), got {name}", did_you_mean(name, &names), names.join(", "))
         })
     }
 

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use geu_protocol::hex::read_hex;
-use geu_protocol::layout::{Assembly, Check, Coding, Frame, FrameSet, Number, Place, check_names};
+use geu_protocol::layout::{Assembly, BitField, Check, Coding, Frame, FrameSet, Number, check_names};
 use geu_protocol::serial::{BITS_PER_BYTE, DEFAULT_BAUD};
 use geu_protocol::suggestion::did_you_mean;
 
@@ -14,7 +14,7 @@ use crate::configuration::{ConfigurationError, Node};
 /// Longest frame, byte.
 const MAX_FRAME: usize = 1024;
 
-/// What a unit sends on a serial line.
+/// The frames of a unit on a serial line.
 #[derive(Debug, Clone)]
 pub struct SerialWire {
     /// Rate of the line.
@@ -47,7 +47,7 @@ impl SerialWire {
             ));
         }
         if fields.set.frames.iter().all(|frame| frame.every > 1) {
-            return Err(nodes[0].unexpected("every", "1 for at least one frame"));
+            return Err(nodes[0].unexpected("every", "1 for one frame or more"));
         }
         if line_s > device.interval_s {
             let message = format!(
@@ -91,8 +91,8 @@ fn frame(node: &Node, fields: &mut Fields) -> Result<(Frame, bool), Configuratio
         }
         true => Ok((frame, !is_found)),
         false => {
-            let message = "expected a constant at the start and a check, so that no other bytes are taken for a frame, got \
-                           only one of them; `unchecked = true` accepts that";
+            let message = "expected a constant at the start and a check, so that no other bytes are taken for a frame, got only \
+                           the one or the other; `unchecked = true` accepts that";
             Err(node.error("fields", message.to_owned()))
         }
     }
@@ -126,7 +126,7 @@ fn add(node: &Node, at: usize, frame: &mut Frame, fields: &mut Fields) -> Result
     match kinds.iter().filter(|kind| has(kind)).count() {
         1 => {}
         got => {
-            let message = format!("expected one of {} in each field, got {got}", kinds.join(", "));
+            let message = format!("expected a single content ({}) in each field, got {got}", kinds.join(", "));
             return Err(node.error(node.keys().first().unwrap_or(&""), message));
         }
     }
@@ -137,10 +137,10 @@ fn add(node: &Node, at: usize, frame: &mut Frame, fields: &mut Fields) -> Result
         node.only(&["ignored", "comment"])?;
         frame.set_ignored(at, &bytes(node, "ignored")?);
     } else if has("crc") {
-        frame.checks.push(check(node, Place::bytes(at, number(node)?), frame.length())?);
+        frame.checks.push(check(node, BitField::bytes(at, number(node)?), frame.length())?);
     } else if has("bits") {
         node.only(&["bits", "type"])?;
-        let word = Place::bytes(at, number(node)?);
+        let word = BitField::bytes(at, number(node)?);
         if word.coding != Coding::Unsigned {
             return Err(node.unexpected("type", "a type without sign"));
         }
@@ -149,14 +149,14 @@ fn add(node: &Node, at: usize, frame: &mut Frame, fields: &mut Fields) -> Result
         }
     } else {
         node.only(&[&KEYS[..], &["type"]].concat())?;
-        let place = Place::bytes(at, number(node)?);
+        let place = BitField::bytes(at, number(node)?);
         frame.fields.push(fields.field(node, place, (1.0, 0.0))?);
     }
     Ok(())
 }
 
 /// A check, in a frame of this length.
-pub(super) fn check(node: &Node, place: Place, length: usize) -> Result<Check, ConfigurationError> {
+pub(super) fn check(node: &Node, place: BitField, length: usize) -> Result<Check, ConfigurationError> {
     node.only(&["crc", "type", "signal", "from", "to", "pad_to", "suffix"])?;
     let whole = |key: &str, default: usize, max: usize| match node.whole_number(key)? {
         None => Ok(default),

@@ -1,4 +1,4 @@
-//! Descriptions that are right, and the messages on those that are not.
+//! Valid descriptions, and the messages on others.
 
 use geu_protocol::layout::Quantity;
 
@@ -7,16 +7,16 @@ use super::*;
 #[test]
 fn every_known_description_is_right() {
     for (name, text) in DEVICES {
-        let device = Device::named(name).unwrap();
+        let device = Device::from_name(name).unwrap();
         assert!(!device.name.is_empty() && !device.source.is_empty(), "{name}");
         assert!(text.starts_with("# "), "{name}: a description begins with what the unit is");
     }
-    assert!(Device::named("no-such").is_none());
+    assert!(Device::from_name("no-such").is_none());
 }
 
 #[test]
 fn a_word_of_bits_has_validity_and_names() {
-    let device = Device::named("stim300").unwrap();
+    let device = Device::from_name("stim300").unwrap();
     let frames = &device.serial.as_ref().unwrap().frames;
     let mut bytes = Vec::new();
     let mut values = vec![0.0; frames.values.len()];
@@ -57,7 +57,7 @@ fn value(read: &[(String, f64)], name: &str) -> f64 {
 #[test]
 fn frames_of_real_units_are_read_as_published() {
     // The sample message of KVH's interface control document 56-0298: angles, status 77, sequence 3D, 40 °C.
-    let kvh = Device::named("kvh-1750").unwrap().serial.unwrap().frames;
+    let kvh = Device::from_name("kvh-1750").unwrap().serial.unwrap().frames;
     let sample = [
         0xFE, 0x81, 0xFF, 0x55, 0x37, 0xA9, 0x6A, 0x6E, 0x38, 0x58, 0x6C, 0x1F, 0xB7, 0x5B, 0xF8, 0x62, 0xBF, 0x80,
         0x3E, 0x78, 0xBB, 0x65, 0x0D, 0x28, 0x3B, 0x0A, 0x37, 0xAC, 0x77, 0x3D, 0x00, 0x28, 0x4B, 0xFA, 0x34, 0xD8,
@@ -68,7 +68,7 @@ fn frames_of_real_units_are_read_as_published() {
     assert_eq!([value(&values, "Y_valid"), value(&values, "sequence"), value(&values, "sensor_c")], [1.0, 61.0, 40.0]);
 
     // A public trace of the sister unit MTLT305D.
-    let openimu = Device::named("openimu300ri").unwrap().can.unwrap().frames;
+    let openimu = Device::from_name("openimu300ri").unwrap().can.unwrap().frames;
     assert_eq!(openimu.frames[0].id, Some((0x0CF0_2A80, true)));
     let values = read(&openimu, 0, &[0xC9, 0x81, 0xEB, 0x7C, 0x79, 0x79, 0x00, 0x06]);
     assert_eq!(value(&values, "Y_deg_s"), 9.5703125);
@@ -78,7 +78,7 @@ fn frames_of_real_units_are_read_as_published() {
     );
 
     // Frames of a public trace of a unit of the family: counter D, then E.
-    let mm = Device::named("mm5.10").unwrap().can.unwrap().frames;
+    let mm = Device::from_name("mm5.10").unwrap().can.unwrap().frames;
     for (bytes, counter, yaw_deg_s) in [
         ([0x3B, 0x7C, 0x00, 0xFF, 0x1C, 0x7C, 0x0D, 0xE3], 13.0, -4.825),
         ([0xD0, 0x77, 0x00, 0xFF, 0x0D, 0x7D, 0x0E, 0xFA], 14.0, -10.48),
@@ -153,7 +153,7 @@ fn errors_of_a_description_say_what_was_expected() {
         ("[0.0, 2.0, 0.0]", "[0.0, 2.0]", "a direction"),
         ("output = [0.0, 0.0, 1.0]", "output = [0.0, 1.0, 1.0]", "perpendicular"),
         ("name = \"X\"", "name = \"é\"", "a name of 1 to 16"),
-        ("head = \"X\", type", "head = \"Y\", type", "expected a head, one of X, got Y"),
+        ("head = \"X\", type", "head = \"Y\", type", "expected a head (X), got Y"),
         ("i16be", "i16", "did you mean `i16"),
         ("i16be", "i8", "the range of the unit, got one from"),
         ("\"deg/s\"", "\"deg/sec\"", "did you mean `deg/s`?"),
@@ -172,7 +172,7 @@ fn errors_of_a_description_say_what_was_expected() {
         ("value = \"sequence\", type = \"u8\"", "bits = { X_valid = 8 }, type = \"u8\"", "bits.X_valid"),
         ("value = \"sequence\", type = \"u8\"", "head = \"X\", type = \"i16be\", unit = \"deg/s\"", "got another one"),
         ("[device.serial]\nbaud = 9600\n[[device.serial.frame]]", "[[other]]", "unknown key `other`"),
-        ("name = \"DATA\"", "name = \"DATA\"\nevery = 2", "1 for at least one frame"),
+        ("name = \"DATA\"", "name = \"DATA\"\nevery = 2", "1 for one frame or more"),
         ("name = \"DATA\"", "name = \"DATA\"\nevery = 0", "a whole number from 1"),
     ] {
         let text = TEXT.replacen(from, to, 1);
