@@ -58,7 +58,8 @@ pub fn device(name: &str) -> Result<Device, CommandError> {
 
 fn read(path: &Path) -> Result<Device, CommandError> {
     let text = read_text(path, "a description, such as `geu device show stim300 --toml` prints")?;
-    Device::read(path, &text).map_err(CommandError::input)
+    let beside = |file: &str| geu_recording::read_text(&path.with_file_name(file)).map_err(|error| error.to_string());
+    Device::parse(&path.display().to_string(), &text, &beside).map_err(CommandError::input)
 }
 
 /// Runs `geu device`.

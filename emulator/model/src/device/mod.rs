@@ -12,8 +12,6 @@ mod can;
 mod fields;
 mod serial;
 
-use std::path::Path;
-
 use geu_protocol::describe::Wire;
 use geu_protocol::layout::FrameSet;
 use geu_protocol::suggestion::did_you_mean;
@@ -86,8 +84,8 @@ devices! {
     "tetrad" [];
 }
 
-/// Reads a file that a description names; its name, or why it cannot be read.
-type Files<'a> = &'a dyn Fn(&str) -> Result<String, String>;
+/// Reads a file that a description names; the error is in words.
+pub type Files<'a> = &'a dyn Fn(&str) -> Result<String, String>;
 
 impl Device {
     /// The unit of that name; `None` if there is none.
@@ -104,19 +102,11 @@ impl Device {
         Some(device.unwrap_or_else(|error| panic!("{error}")))
     }
 
-    /// Reads a description; errors call it `name`. Files that it names are beside it.
+    /// Reads a description; errors call it `name`. `files` reads the files that it names.
     ///
     /// # Errors
     /// The description is not valid, with its place.
-    pub fn read(path: &Path, text: &str) -> Result<Device, ConfigurationError> {
-        let beside = |file: &str| {
-            let path = path.with_file_name(file);
-            std::fs::read_to_string(&path).map_err(|error| error.to_string())
-        };
-        Device::parse(&path.display().to_string(), text, &beside)
-    }
-
-    fn parse(name: &str, text: &str, files: Files) -> Result<Device, ConfigurationError> {
+    pub fn parse(name: &str, text: &str, files: Files) -> Result<Device, ConfigurationError> {
         let document = ConfigText::parse(name, text)?;
         let root = document.root();
         root.only(&["device"])?;
