@@ -13,8 +13,8 @@ pub trait Framing {
     /// Number of bytes before the next place at which a frame may begin; `bytes` is not empty.
     fn next(&self, bytes: &[u8]) -> usize;
 
-    /// The frame at the start of `bytes`, where one may begin.
-    fn candidate<'a>(&self, bytes: &'a [u8]) -> Candidate<'a, Self::Frame>;
+    /// The frame at the start of `bytes`, where one may begin; no more bytes follow the `last`.
+    fn candidate<'a>(&self, bytes: &'a [u8], is_last: bool) -> Candidate<'a, Self::Frame>;
 }
 
 /// Bytes at a place where a frame may begin.
@@ -133,7 +133,7 @@ impl<F: Framing> FrameFinder<F> {
                 at += skipped;
                 continue;
             }
-            let (defect, length) = match self.framing.candidate(rest) {
+            let (defect, length) = match self.framing.candidate(rest, last) {
                 Candidate::Frame { kind, length, payload } => {
                     self.offset = start + at as u64;
                     self.end_skipping(sink);

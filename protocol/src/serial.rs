@@ -149,7 +149,7 @@ impl Framing for UnitFrames {
     }
 
     #[inline]
-    fn candidate<'a>(&self, bytes: &'a [u8]) -> Candidate<'a, FrameType> {
+    fn candidate<'a>(&self, bytes: &'a [u8], _is_last: bool) -> Candidate<'a, FrameType> {
         let reject = |defect: SerialDefect| Candidate::Rejected { defect, length: defect.length(bytes) };
         let (Some(&code), Some(&length)) = (bytes.get(TYPE_AT), bytes.get(LENGTH_AT)) else {
             return match bytes.get(TYPE_AT) {

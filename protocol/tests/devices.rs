@@ -18,7 +18,7 @@ fn links(device: &Device) -> impl Iterator<Item = (bool, &FrameSet)> {
 }
 
 fn prefix(name: &str) -> String {
-    name.replace(['-', '.'], "_")
+    format!("unit_{}", name.replace(['-', '.'], "_"))
 }
 
 /// Bytes of a frame in which every field has some number, by `seed`.
@@ -53,7 +53,7 @@ fn c_programs_read_the_values_that_the_layout_reads_and_refuse_corrupted_frames(
     for (name, _) in DEVICES {
         let (device, prefix) = (Device::from_name(name).unwrap(), prefix(name));
         std::fs::write(directory.path().join("unit.h"), device.wire(&prefix).header()).unwrap();
-        for (is_can, set) in links(&device) {
+        for (_, set) in links(&device) {
             for frame in &set.frames {
                 let (mut vectors, mut expected) = (String::new(), String::new());
                 for seed in SEEDS {
@@ -80,10 +80,10 @@ fn c_programs_read_the_values_that_the_layout_reads_and_refuse_corrupted_frames(
                         format!("printf(\"{name} %.17e\\n\", sample.{name});\n")
                     })
                     .collect();
-                let (kind, own, length) = (if is_can { "can" } else { "serial" }, &frame.name, frame.length());
+                let (own, length) = (&frame.name, frame.length());
                 let program = format!(
                     "#include <stdio.h>\n#include \"unit.h\"\nstatic const uint8_t vectors[][{length}] = {{ {vectors} }};\n\
-                     int main(void) {{\n{prefix}_{kind}_sample sample;\nmemset(&sample, 0, sizeof sample);\n\
+                     int main(void) {{\n{prefix}_sample sample;\nmemset(&sample, 0, sizeof sample);\n\
                      for (size_t index = 0; index < sizeof vectors / sizeof vectors[0]; index++) {{\n\
                      int result = (int){prefix}_read_{own}(vectors[index], {length}, &sample);\n\
                      if (result) {{ puts(\"refused\"); continue; }}\nputs(\"0\");\n{printed}}}\nreturn 0;\n}}\n"
@@ -97,6 +97,11 @@ fn c_programs_read_the_values_that_the_layout_reads_and_refuse_corrupted_frames(
                     return skip("cc is absent; the C headers were not tried");
                 };
                 assert!(compiled.status.success(), "{name}: {}", text(&compiled));
+                let arguments = ["-x", "c++", "-Wall", "-Wextra", "-Werror", "-fsyntax-only"].map(Path::new);
+                if let Some(checked) = run("c++", &arguments.into_iter().chain([source.as_path()]).collect::<Vec<_>>())
+                {
+                    assert!(checked.status.success(), "{name}: {}", text(&checked));
+                }
                 let output = Command::new(&executable).output().unwrap();
                 let got = String::from_utf8(output.stdout).unwrap();
                 let same = |line: &str| {
@@ -178,17 +183,14 @@ fn cantools_reads_the_values_that_the_layout_reads() {
         let Some(can) = &device.can else { continue };
         let database = directory.path().join("unit.dbc");
         std::fs::write(&database, &can.dbc).unwrap();
+        let signals = signals(name);
         let (mut lines, mut expected) = (String::new(), Vec::new());
         for frame in &can.frames.frames {
             for seed in SEEDS {
                 let bytes = bytes(frame, &can.frames, seed);
                 let (id, _) = frame.id.unwrap();
                 _ = writeln!(lines, "{id} {}", geu_protocol::hex::hex(&bytes));
-                // Fields of whole signals with a scale of the database; bits and inverted ones are ours.
-                let own = frame.fields.iter().zip(values(frame, &can.frames, &bytes));
-                expected.push(
-                    own.filter(|(field, _)| field.place.bits > 1).map(|(_, (_, value))| value).collect::<Vec<f64>>(),
-                );
+                expected.push(values(frame, &can.frames, &bytes));
             }
         }
         let vectors = directory.path().join("vectors.txt");
@@ -200,10 +202,30 @@ fn cantools_reads_the_values_that_the_layout_reads() {
         let got = String::from_utf8(output.stdout).unwrap();
         assert_eq!(got.lines().count(), expected.len());
         for (line, expected) in got.lines().zip(expected) {
-            let signals: Vec<f64> = line.split(' ').map(|number| number.parse().unwrap()).collect();
-            for value in expected {
-                assert!(signals.iter().any(|own| (own - value).abs() < 1e-9), "{name}: {value} is not in {line}");
+            for (own, signal) in &signals {
+                let Some((_, value)) = expected.iter().find(|(name, _)| name == own) else { continue };
+                let mut read = line.split(' ').filter_map(|one| one.split_once('='));
+                let (_, read) =
+                    read.find(|(name, _)| name == signal).unwrap_or_else(|| panic!("no {signal} in {line}"));
+                assert!(
+                    (read.parse::<f64>().unwrap() - value).abs() < 1e-9,
+                    "{name}: {signal} is {read}, expected {value}"
+                );
             }
         }
+    }
+}
+
+/// Columns of a CAN unit with the signals of its database.
+fn signals(name: &str) -> Vec<(&'static str, &'static str)> {
+    match name {
+        "mm5.10" => vec![("Z_deg_s", "YAW_RATE"), ("X_deg_s", "ROLL_RATE")],
+        "openimu300ri" => vec![
+            ("Y_deg_s", "PITCH_RATE"),
+            ("X_deg_s", "ROLL_RATE"),
+            ("Z_deg_s", "YAW_RATE"),
+            ("latency_ms", "LATENCY"),
+        ],
+        _ => panic!("{name}: the signals of this unit are not listed"),
     }
 }

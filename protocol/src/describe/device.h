@@ -91,14 +91,14 @@ static inline uint64_t {{ prefix }}_finish({{ prefix }}_algorithm algorithm, uin
         value = {{ prefix }}_reflect(value, algorithm.width);
     return value ^ algorithm.final_xor;
 }
-{%- for link in links %}
 
-/* Values of a sample{% if link.is_can %} on CAN{% else %} on the serial line{% endif %}, unit last in the name. */
+/* Values of a sample, unit last in the name. */
 typedef struct {
-{%- for v in link.values %}
+{%- for v in values %}
     double {{ v.name }};
 {%- endfor %}
-} {{ prefix }}_{% if link.is_can %}can{% else %}serial{% endif %}_sample;
+} {{ prefix }}_sample;
+{%- for link in links %}
 {%- for f in link.frames %}
 
 #define {{ prefix | constant }}_{{ f.name | constant }}_LENGTH {{ f.length }}u
@@ -107,8 +107,9 @@ typedef struct {
 #define {{ prefix | constant }}_{{ f.name | constant }}_IS_EXTENDED {% if f.is_extended %}1{% else %}0{% endif %}
 {%- endif %}
 
-static inline {{ prefix }}_result {{ prefix }}_read_{{ f.name }}(const uint8_t *bytes, size_t length, {{ prefix }}_{% if link.is_can %}can{% else %}serial{% endif %}_sample *sample)
+static inline {{ prefix }}_result {{ prefix }}_read_{{ f.name }}(const uint8_t *bytes, size_t length, {{ prefix }}_sample *sample)
 {
+    (void)sample;
     static const uint8_t constant[] = { {{ f.template }} };
     static const uint8_t required[] = { {{ f.required }} };
     if (length != sizeof constant)
@@ -122,7 +123,7 @@ static inline {{ prefix }}_result {{ prefix }}_read_{{ f.name }}(const uint8_t *
         uint64_t value = algorithm.initial;
         size_t covered = 0;
         for (size_t at = {{ c.from }}; at < {{ c.to }}; at++)
-            if (at < {{ c.at }} || at >= {{ c.at }} + {{ c.length }}) {
+            if ((size_t)(at - {{ c.at }}) >= {{ c.length }}) {
                 value = {{ prefix }}_update(algorithm, value, bytes[at]);
                 covered++;
             }

@@ -7,10 +7,8 @@
 local unit = Proto("{{ prefix }}", "{{ title }}")
 
 local fields = {
-{%- for link in links %}
-{%- for v in link.values %}
+{%- for v in values %}
     ["{{ v.name }}"] = ProtoField.double("{{ prefix }}.{{ v.name }}", "{{ v.name }}"),
-{%- endfor %}
 {%- endfor %}
     check = ProtoField.bytes("{{ prefix }}.check", "check"),
     check_good = ProtoField.bool("{{ prefix }}.check_good", "check good"),

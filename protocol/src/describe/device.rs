@@ -41,15 +41,15 @@ impl Wire<'_> {
             map! { name: *name, axis: axis.map(|part| format!("{part:.6}")).join(", ") }
         });
         let links = self.links.iter().map(|(name, rate, set)| {
-            let values =
-                set.values.iter().enumerate().map(|(slot, value)| map! { name: value.name.clone(), slot: slot as u32 });
-            let (modulus, step) = set.sequence;
-            map! { name: *name, rate: *rate, is_can: *name == "CAN", values: values.collect::<Value>(),
-            modulus: modulus.to_string(), step: step.to_string(),
+            map! { name: *name, rate: *rate, is_can: *name == "CAN",
             frames: set.frames.iter().map(|own| frame(own, set)).collect::<Value>() }
         });
-        map! { prefix: self.prefix, title: self.title, source: self.source, output: self.output.clone(),
-        heads: heads.collect::<Value>(), links: links.collect::<Value>() }
+        let values = self.links.first().map(|(.., set)| &set.values[..]).unwrap_or_default();
+        let values = values.iter().map(|value| map! { name: value.name.clone() });
+        // Neither text may end a comment or a string of a program.
+        let plain = |text: &str| text.replace(['"', '\\'], "'").replace("*/", "* /").replace(char::is_control, " ");
+        map! { prefix: self.prefix, title: plain(self.title), source: plain(self.source), output: self.output.clone(),
+        heads: heads.collect::<Value>(), values: values.collect::<Value>(), links: links.collect::<Value>() }
     }
 }
 
@@ -57,8 +57,11 @@ fn frame(frame: &Frame, set: &FrameSet) -> Value {
     let listed = |bytes: &[u8]| bytes.iter().map(u8::to_string).collect::<Vec<_>>().join(", ");
     let (id, is_extended) = frame.id.unwrap_or_default();
     let fields = frame.fields.iter().map(|own| field(own, &set.values[own.slot].name));
-    map! { name: frame.name.clone(), id: id, is_extended: is_extended, length: frame.length() as u32, every: frame.every,
-    is_rare: frame.every > 1, start: spaced_hex(frame.start()), has_start: !frame.start().is_empty(),
+    let others = frame.other_bytes().into_iter().map(|(at, bytes, is_constant)| {
+        map! { at: at as u32, text: spaced_hex(bytes), kind: if is_constant { "constant" } else { "ignored" } }
+    });
+    map! { name: frame.name.clone(), others: others.collect::<Value>(), id: id, is_extended: is_extended, length: frame.length() as u32, every: frame.every,
+    is_rare: frame.every > 1,
     template: listed(frame.template()), required: listed(frame.required()),
     fields: fields.collect::<Value>(), checks: frame.checks.iter().map(|own| check(own, frame)).collect::<Value>() }
 }
@@ -76,7 +79,7 @@ fn field(field: &Field, name: &str) -> Value {
         Coding::Signed => "SIGNED",
         Coding::Float => "FLOAT",
     };
-    map! { name: name, slot: field.slot as u32, at: place.at as u32, length: place.length as u32, type: place.to_string(),
+    map! { name: name, at: place.at as u32, length: place.length as u32, type: place.to_string(),
     is_little_endian: place.is_little_endian(), shift: place.shift(), bits: place.bits, coding: coding,
     scale: exact(scale), divisor: exact(divisor), offset: exact(offset), formula: field.formula() }
 }

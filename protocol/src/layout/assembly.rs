@@ -2,12 +2,13 @@
 
 use std::sync::Arc;
 
-use super::{FrameSet, Quantity};
+use super::{Frame, FrameSet, Quantity};
 use crate::continuity::SequenceStep;
 
 /// Puts the values of frames together: a sample is complete when every frame that is sent with each sample has come.
 ///
-/// A frame that is sent less often comes before the others of its sample.
+/// Frames with the same number of the sequence make a sample. Where not all of them have the sequence, the first one listed begins a
+/// sample. A frame that is sent less often comes before the others of its sample.
 #[derive(Debug, Clone)]
 pub struct Assembly {
     frames: Arc<FrameSet>,
@@ -16,6 +17,10 @@ pub struct Assembly {
     seen: u64,
     /// Frames of every sample.
     every: u64,
+    /// Place of the sequence in the values, and the frames that have it.
+    sequence: Option<(usize, u64)>,
+    /// The frame that begins a sample, if they have no common sequence.
+    first: Option<usize>,
 }
 
 /// Result of a frame.
@@ -25,8 +30,10 @@ pub enum Assembled {
     Waiting,
     /// The sample is complete; [`Assembly::values`] are its values.
     Complete,
-    /// The frame came again before the sample before was complete.
+    /// The frame begins another sample before the sample before was complete.
     Restarted,
+    /// The frame belongs to a sample of which the beginning is missing.
+    Orphan,
 }
 
 impl Assembly {
@@ -34,36 +41,68 @@ impl Assembly {
     pub const MAX_FRAMES: usize = 64;
 
     pub fn new(frames: Arc<FrameSet>) -> Assembly {
-        let bits = frames.frames.iter().take(Assembly::MAX_FRAMES).enumerate();
-        let every = bits.filter(|(_, frame)| frame.every == 1).map(|(index, _)| 1 << index).sum();
-        Assembly { values: vec![f64::NAN; frames.values.len()], frames, seen: 0, every }
+        let bits = |wanted: &dyn Fn(&Frame) -> bool| {
+            let all = frames.frames.iter().take(Assembly::MAX_FRAMES).enumerate();
+            all.filter(|(_, frame)| wanted(frame)).map(|(index, _)| 1u64 << index).sum::<u64>()
+        };
+        let every = bits(&|frame| frame.every == 1);
+        let slot = frames.slot(&Quantity::Sequence);
+        let sequence = slot.map(|slot| (slot, bits(&|frame| frame.fields.iter().any(|field| field.slot == slot))));
+        let is_common = sequence.is_some_and(|(_, own)| own & every == every);
+        Assembly {
+            values: vec![f64::NAN; frames.values.len()],
+            frames,
+            seen: 0,
+            every,
+            sequence,
+            first: (!is_common).then_some(every.trailing_zeros() as usize),
+        }
     }
 
-    /// Values of the complete sample, in the order of the quantities; `NaN` where no frame had it.
+    /// Values of the complete sample, in the order of the set's values; `NaN` where no frame had it.
     pub fn values(&self) -> &[f64] {
         &self.values
     }
 
     /// True if a sample has begun.
     pub fn is_waiting(&self) -> bool {
-        self.seen & self.every != 0 && self.seen & self.every != self.every
+        self.seen & self.every != 0 && !self.is_complete()
+    }
+
+    fn is_complete(&self) -> bool {
+        self.seen & self.every == self.every
+    }
+
+    /// Number of the sequence in a frame, if it has one.
+    fn number(&self, kind: usize, bytes: &[u8]) -> Option<f64> {
+        let (slot, _) = self.sequence.filter(|(_, own)| own & 1 << kind != 0)?;
+        self.frames.frames[kind].fields.iter().find(|field| field.slot == slot).map(|field| field.read(bytes))
     }
 
     /// Reads a frame of this number; its check holds.
     #[inline]
     pub fn push(&mut self, kind: usize, bytes: &[u8]) -> Assembled {
-        let bit = 1 << kind;
-        let is_complete = self.seen & self.every == self.every;
-        let is_again = !is_complete && self.seen & bit != 0;
-        if is_complete || is_again {
+        let bit = 1u64 << kind;
+        let is_complete = self.is_complete();
+        let is_other = || match (self.number(kind, bytes), self.sequence) {
+            (Some(number), Some((slot, _))) => !self.values[slot].is_nan() && self.values[slot] != number,
+            _ => false,
+        };
+        let is_restart = self.seen != 0 && !is_complete && (self.seen & bit != 0 || is_other());
+        let was_waiting = self.is_waiting();
+        if is_complete || is_restart {
             self.seen = 0;
             self.values.fill(f64::NAN);
         }
+        let is_orphan = self.first.is_some_and(|first| kind != first && self.seen & 1 << first == 0);
+        if is_orphan && bit & self.every != 0 {
+            return Assembled::Orphan;
+        }
         self.seen |= bit;
         self.frames.frames[kind].read(bytes, &mut self.values);
-        match is_again {
-            _ if self.seen & self.every == self.every => Assembled::Complete,
-            true => Assembled::Restarted,
+        match self.is_complete() {
+            true => Assembled::Complete,
+            false if is_restart && was_waiting => Assembled::Restarted,
             false => Assembled::Waiting,
         }
     }
@@ -85,22 +124,31 @@ impl Sequence {
         Sequence { slot: frames.slot(&Quantity::Sequence), modulus, step, last: None }
     }
 
-    /// Compares a sample with the one before; without a sequence each is the next.
-    pub fn step(&mut self, values: &[f64]) -> SequenceStep {
-        let number = self.slot.map_or(0.0, |slot| values[slot]);
-        let Some(last) = self.last.replace(number as u64) else { return SequenceStep::First };
+    /// Compares a sample with the one before; without a sequence each is the next. `intervals`, if known, is the time between the two: it
+    /// decides how often the sequence began anew.
+    pub fn step(&mut self, values: &[f64], intervals: Option<f64>) -> SequenceStep {
+        let number = self.slot.map_or(0, |slot| values[slot] as u64 % self.modulus);
+        let Some(last) = self.last.replace(number) else { return SequenceStep::First };
         if self.slot.is_none() {
             return SequenceStep::Next;
         }
-        let ahead = (number as u64 + self.modulus - last % self.modulus) % self.modulus;
-        match ahead / self.step {
-            _ if ahead == 0 => SequenceStep::Repeat,
-            _ if !ahead.is_multiple_of(self.step) || ahead > self.modulus / 2 => SequenceStep::Jump,
+        let ahead = (number + self.modulus - last) % self.modulus;
+        if !ahead.is_multiple_of(self.step) {
+            return SequenceStep::Jump;
+        }
+        let (ahead, cycle) = (ahead / self.step, self.modulus / self.step);
+        let anew = intervals.map_or(0.0, |intervals| ((intervals - ahead as f64) / cycle as f64).round());
+        match ahead + cycle * anew.clamp(0.0, MAX_CYCLES) as u64 {
+            0 => SequenceStep::Repeat,
             1 => SequenceStep::Next,
+            steps if intervals.is_none() && steps > cycle / 2 => SequenceStep::Jump,
             steps => SequenceStep::Gap(steps - 1),
         }
     }
 }
+
+/// Cycles of the sequence in one gap, at most; more are a wrong time.
+const MAX_CYCLES: f64 = 1e9;
 
 #[cfg(test)]
 mod tests {
@@ -121,12 +169,13 @@ mod tests {
     }
 
     #[test]
-    fn a_sample_is_complete_with_its_frames_in_any_order() {
+    fn a_sample_is_complete_with_its_frames() {
         let mut assembly = Assembly::new(frames((256, 1)));
         assert_eq!(assembly.push(0, &[70]), Assembled::Waiting);
-        assert_eq!(assembly.push(2, &[5]), Assembled::Waiting);
+        assert!(!assembly.is_waiting());
+        assert_eq!(assembly.push(1, &[8]), Assembled::Waiting);
         assert!(assembly.is_waiting());
-        assert_eq!(assembly.push(1, &[8]), Assembled::Complete);
+        assert_eq!(assembly.push(2, &[5]), Assembled::Complete);
         assert_eq!(assembly.values(), [70.0, 8.0, 5.0]);
         assert_eq!(assembly.push(1, &[9]), Assembled::Waiting);
         assert_eq!(assembly.push(1, &[10]), Assembled::Restarted);
@@ -136,10 +185,48 @@ mod tests {
     }
 
     #[test]
+    fn a_missing_frame_never_joins_two_samples() {
+        // A common sequence: by its number; without one: by the order.
+        let frame = |slots: &[usize]| {
+            let mut frame = Frame::new("F", 2);
+            for (at, slot) in slots.iter().enumerate() {
+                frame.fields.push(Field::new(*slot, BitField::bytes(at, Number::from_name("u8").unwrap())));
+            }
+            frame
+        };
+        let set = |frames| {
+            let value = |quantity| ValueSpec { quantity, name: String::new(), factor: 1.0 };
+            let values = [Quantity::Output(0), Quantity::Output(1), Quantity::Sequence].map(value).to_vec();
+            Assembly::new(Arc::new(FrameSet { frames, values, sequence: (256, 1) }))
+        };
+        let mut common = set(vec![frame(&[0, 2]), frame(&[1, 2])]);
+        assert_eq!(common.push(1, &[7, 1]), Assembled::Waiting);
+        assert_eq!(common.push(0, &[8, 2]), Assembled::Restarted);
+        assert_eq!(common.push(1, &[9, 2]), Assembled::Complete);
+        assert_eq!(common.values(), [8.0, 9.0, 2.0]);
+        let mut ordered = set(vec![frame(&[0]), frame(&[1])]);
+        assert_eq!(ordered.push(1, &[7, 0]), Assembled::Orphan);
+        assert_eq!(ordered.push(0, &[8, 0]), Assembled::Waiting);
+        assert_eq!(ordered.push(1, &[9, 0]), Assembled::Complete);
+        assert_eq!(ordered.push(1, &[9, 0]), Assembled::Orphan);
+    }
+
+    #[test]
+    fn the_time_decides_how_often_the_sequence_began_anew() {
+        let mut sequence = Sequence::new(&frames((16, 1)));
+        let mut step = |number: f64, intervals| sequence.step(&[0.0, 0.0, number], intervals);
+        assert_eq!(step(3.0, None), SequenceStep::First);
+        assert_eq!(step(4.0, Some(1.3)), SequenceStep::Next);
+        assert_eq!(step(14.0, Some(10.2)), SequenceStep::Gap(9));
+        assert_eq!(step(15.0, Some(32.9)), SequenceStep::Gap(32));
+        assert_eq!(step(15.0, Some(0.1)), SequenceStep::Repeat);
+    }
+
+    #[test]
     fn missing_samples_are_counted_by_the_sequence() {
         let steps = |numbers: &[u8], modulus, step| {
             let mut sequence = Sequence::new(&frames((modulus, step)));
-            numbers.iter().map(|number| sequence.step(&[0.0, 0.0, f64::from(*number)])).collect::<Vec<_>>()
+            numbers.iter().map(|number| sequence.step(&[0.0, 0.0, f64::from(*number)], None)).collect::<Vec<_>>()
         };
         use SequenceStep::{First, Gap, Jump, Next, Repeat};
         assert_eq!(steps(&[126, 127, 0, 3, 3, 2], 128, 1), [First, Next, Next, Gap(2), Repeat, Jump]);

@@ -4,6 +4,9 @@ use can_dbc::{ByteOrder, Dbc, MessageId, MultiplexIndicator, SignalExtendedValue
 
 use super::number::{BitField, Coding};
 
+/// Largest identifier of 11 bits.
+const MAX_ID: u64 = 0x7FF;
+
 /// The messages of a database.
 #[derive(Debug, Clone)]
 pub struct Database {
@@ -26,7 +29,7 @@ pub struct DatabaseMessage {
 #[derive(Debug, Clone)]
 pub struct DatabaseSignal {
     pub name: String,
-    /// `None` for more than 8 bytes, or outside of the message.
+    /// `None` for more than 8 bytes, more than 53 bits of a whole number, or outside of the message.
     pub place: Option<BitField>,
     pub scale: f64,
     pub offset: f64,
@@ -43,6 +46,8 @@ pub enum SignalRole {
     Plain,
     /// Selects the signals of a frame.
     Selector,
+    /// Selects within the frames of another selector, which is not read.
+    Nested,
     /// In the frames with this number of the selector.
     Selected(u64),
 }
@@ -53,6 +58,13 @@ impl Database {
     /// # Errors
     /// Text that is none, in words.
     pub fn parse(text: &str) -> Result<Database, String> {
+        // The parser takes only 16 bits of an identifier without bit 31.
+        let ids = text
+            .lines()
+            .filter_map(|line| line.trim_start().strip_prefix("BO_ ")?.split_whitespace().next()?.parse().ok());
+        if let Some(id) = ids.into_iter().find(|id: &u64| (MAX_ID + 1..1 << 31).contains(id)) {
+            return Err(format!("expected an identifier up to {MAX_ID}, or with bit 31 set for 29 bits, got {id}"));
+        }
         let database = Dbc::try_from(text).map_err(|error| error.to_string().replace('\n', " "))?;
         let message = |message: &can_dbc::Message| {
             let (id, is_extended) = match message.id {
@@ -60,6 +72,10 @@ impl Database {
                 MessageId::Extended(id) => (id, true),
             };
             let length = message.size as usize;
+            let is_nested = database.extended_multiplex.iter().any(|own| own.message_id == message.id)
+                || message.signals.iter().any(|signal| {
+                    matches!(signal.multiplexer_indicator, MultiplexIndicator::MultiplexorAndMultiplexedSignal(_))
+                });
             let signals = message.signals.iter().map(|signal| {
                 let kind = database.extended_value_type_for_signal(message.id, &signal.name);
                 let coding = match (kind, signal.value_type) {
@@ -82,8 +98,9 @@ impl Database {
                     role: match signal.multiplexer_indicator {
                         MultiplexIndicator::Plain => SignalRole::Plain,
                         MultiplexIndicator::Multiplexor => SignalRole::Selector,
-                        MultiplexIndicator::MultiplexedSignal(number)
-                        | MultiplexIndicator::MultiplexorAndMultiplexedSignal(number) => SignalRole::Selected(number),
+                        MultiplexIndicator::MultiplexedSignal(_) if is_nested => SignalRole::Nested,
+                        MultiplexIndicator::MultiplexedSignal(number) => SignalRole::Selected(number),
+                        MultiplexIndicator::MultiplexorAndMultiplexedSignal(_) => SignalRole::Nested,
                     },
                 }
             });
@@ -97,7 +114,7 @@ impl Database {
 fn is_width(place: &BitField) -> bool {
     match place.coding {
         Coding::Float => matches!(place.bits, 32 | 64),
-        _ => true,
+        _ => place.bits <= BitField::MAX_EXACT_BITS,
     }
 }
 

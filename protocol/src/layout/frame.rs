@@ -6,7 +6,7 @@ use super::number::BitField;
 /// A number that a frame carries.
 #[derive(Debug, Clone)]
 pub struct Field {
-    /// BitField of its value in a sample.
+    /// Place of its value in a sample.
     pub slot: usize,
     pub place: BitField,
     /// Value of one unit of the number: `scale`, or 1 / `divisor` where that is exact.
@@ -51,13 +51,16 @@ impl Field {
         }
     }
 
+    /// The value in a frame.
     #[inline]
-    fn read(&self, bytes: &[u8]) -> f64 {
+    pub fn read(&self, bytes: &[u8]) -> f64 {
         self.place.read(bytes) * self.scale / self.divisor + self.offset
     }
 
     #[inline]
     fn write(&self, value: f64, bytes: &mut [u8]) {
+        // A value that is not known is sent as 0.
+        let value = if value.is_nan() { 0.0 } else { value };
         self.place.write((value - self.offset) * self.divisor / self.scale, bytes);
     }
 
@@ -156,6 +159,23 @@ impl Frame {
     pub fn has_constants(&self, bytes: &[u8]) -> bool {
         let wrong = |((byte, own), required): ((&u8, &u8), &u8)| (byte ^ own) & required != 0;
         bytes.len() == self.template.len() && !bytes.iter().zip(&self.template).zip(&self.required).any(wrong)
+    }
+
+    /// Runs of bytes in which no field or check has a bit: the first byte, the bytes, and true for a constant.
+    pub fn other_bytes(&self) -> Vec<(usize, &[u8], bool)> {
+        let mut used = vec![0; self.length()];
+        let places = self.fields.iter().map(|field| field.place).chain(self.checks.iter().map(|check| check.place));
+        places.for_each(|place| used.iter_mut().zip(place.used(self.length())).for_each(|(used, own)| *used |= own));
+        let kind = |at: &usize| (used[*at] == 0, self.required[*at] == 0xFF);
+        let all: Vec<usize> = (0..self.length()).collect();
+        let runs = all.chunk_by(|one, next| kind(one) == kind(next)).filter(|run| kind(&run[0]).0);
+        runs.map(|run| (run[0], &self.template[run[0]..run[0] + run.len()], kind(&run[0]).1)).collect()
+    }
+
+    /// True if a check covers every field.
+    pub fn is_covered(&self) -> bool {
+        let covers = |at: usize| self.checks.iter().any(|check| check.covers.contains(&at));
+        self.fields.iter().all(|field| (field.place.at..field.place.end()).all(covers))
     }
 
     /// True if all check values are right.

@@ -78,7 +78,7 @@ pub struct FrameSet {
 }
 
 impl FrameSet {
-    /// BitField of a quantity among the values of a sample.
+    /// Place of a quantity among the values of a sample.
     pub fn slot(&self, quantity: &Quantity) -> Option<usize> {
         self.values.iter().position(|value| value.quantity == *quantity)
     }

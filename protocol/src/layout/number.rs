@@ -20,8 +20,8 @@ pub struct Number {
 }
 
 impl Number {
-    /// Longest whole number, bit: a larger one is not exact as a real number of 64 bits.
-    pub const MAX_BITS: usize = 48;
+    /// Longest type of whole numbers, bit.
+    const MAX_BITS: usize = 48;
 
     /// All types.
     pub fn all() -> impl Iterator<Item = Number> {
@@ -55,7 +55,7 @@ impl Number {
     }
 }
 
-/// BitField of a number in bytes.
+/// Place of a number in bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BitField {
     /// First byte, and number of bytes, at most 8.
@@ -84,6 +84,9 @@ impl BitField {
     /// A signal of a CAN database: `start` is the lowest bit of a little-endian signal, the highest of a big-endian one, counted from
     /// bit 0 of byte 0. `None` for more than 8 bytes.
     pub fn signal(start: usize, bits: usize, is_little_endian: bool, coding: Coding) -> Option<BitField> {
+        if !(1..=64).contains(&bits) || start >= 64 {
+            return None;
+        }
         let (at, shift, length) = if is_little_endian {
             (start / 8, start % 8, (start % 8 + bits).div_ceil(8))
         } else {
@@ -92,7 +95,7 @@ impl BitField {
             (start / 8, 8 * length - before - bits, length)
         };
         let place = BitField { at, length, is_little_endian, shift: shift as u32, bits: bits as u32, coding };
-        (bits > 0 && length <= 8).then_some(place)
+        (length <= 8).then_some(place)
     }
 
     pub fn is_little_endian(&self) -> bool {
@@ -139,7 +142,10 @@ impl BitField {
         }
     }
 
-    /// The number; a whole one is exact.
+    /// Longest whole number, bit, that a real number of 64 bits holds exactly.
+    pub const MAX_EXACT_BITS: u32 = 53;
+
+    /// The number; a whole one is exact up to [`BitField::MAX_EXACT_BITS`].
     #[inline]
     pub fn read(&self, bytes: &[u8]) -> f64 {
         let bits = self.read_bits(bytes);
@@ -159,7 +165,8 @@ impl BitField {
             Coding::Float => value.to_bits(),
             _ => {
                 let (low, high) = self.limits();
-                value.round().clamp(low, high) as i64 as u64
+                let whole = value.round().clamp(low, high);
+                if self.coding == Coding::Unsigned { whole as u64 } else { whole as i64 as u64 }
             }
         };
         self.write_bits(bits, bytes);
@@ -189,10 +196,16 @@ impl std::fmt::Display for BitField {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         let BitField { length, is_little_endian, coding, .. } = *self;
         let number = Number { coding, length, is_little_endian };
+        let of = if length > 1 {
+            format!(" of {}", Number { coding: Coding::Unsigned, ..number }.name())
+        } else {
+            String::new()
+        };
+        let sign = if coding == Coding::Signed { ", signed" } else { "" };
         match self.bits {
             bits if bits as usize == 8 * length => f.write_str(&number.name()),
-            1 => write!(f, "bit {}", self.shift),
-            bits => write!(f, "bits {} to {}", self.shift, self.shift + bits - 1),
+            1 => write!(f, "bit {}{of}", self.shift),
+            bits => write!(f, "bits {} to {}{of}{sign}", self.shift, self.shift + bits - 1),
         }
     }
 }

@@ -7,4 +7,4 @@ database = cantools.database.load_file(sys.argv[1], strict=True)
 for line in open(sys.argv[2]):
     identifier, data = line.split()
     signals = database.decode_message(int(identifier), bytes.fromhex(data))
-    print(*(float(value) for value in signals.values()))
+    print(*(f"{name}={float(value)}" for name, value in signals.items()))

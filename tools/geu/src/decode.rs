@@ -15,7 +15,7 @@ use geu_recording::{
 use geu_report::rows::{DefectLines, DeviceRows, TextFormat, write_row};
 
 use crate::command_error::{CommandError, note};
-use crate::device::device;
+use crate::device::{DEFAULT_DEVICE, device};
 use crate::gyro_csv;
 use crate::output_writer::{BUFFER, OutputWriter};
 use crate::outputs::OutputFile;
@@ -169,12 +169,10 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     if let Some(description) = &arguments.gyro_csv {
         return decode_gyro_csv(arguments, description);
     }
-    match &arguments.device {
+    match arguments.device.as_deref().filter(|name| *name != DEFAULT_DEVICE) {
         Some(name) => {
             let device = device(name)?;
-            let frames = device.can.as_ref().map(|can| &can.frames).or(device.serial.as_ref().map(|own| &own.frames));
-            let frames = frames.cloned().expect("a device has a link");
-            let rows = DeviceRows::new(arguments.text_format(), &frames, device.interval_s);
+            let rows = DeviceRows::new(arguments.text_format(), device.values(), device.interval_s);
             let reader = arguments.reading.device_reader(&arguments.inputs, &device)?;
             decode(arguments, reader, rows.header(), move |row, out| rows.write(row, out))
         }

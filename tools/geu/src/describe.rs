@@ -7,7 +7,7 @@ use geu_model::device::Device;
 use geu_protocol::{CanIdMap, describe};
 
 use crate::command_error::{CommandError, print};
-use crate::device::device;
+use crate::device::{DEFAULT_DEVICE, device};
 use crate::outputs::OutputFile;
 use crate::settings::can_base;
 
@@ -46,7 +46,7 @@ pub struct Arguments {
 /// # Errors
 /// The definition cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
-    let text = match (&arguments.device, arguments.format) {
+    let text = match (arguments.device.as_deref().filter(|name| *name != DEFAULT_DEVICE), arguments.format) {
         (Some(name), format) => of_device(name, &device(name)?, format)?,
         (None, Format::Dbc) => describe::dbc(arguments.base),
         (None, Format::Header) => describe::header(),
@@ -67,9 +67,8 @@ fn of_device(name: &str, device: &Device, format: Format) -> Result<String, Comm
         .chars()
         .map(|letter| if letter.is_ascii_alphanumeric() { letter.to_ascii_lowercase() } else { '_' })
         .collect();
-    if !prefix.starts_with(|first: char| first.is_ascii_alphabetic()) {
-        prefix.insert_str(0, "unit_");
-    }
+    // Other programs have names such as `tcp` themselves.
+    prefix.insert_str(0, "unit_");
     let wire = device.wire(&prefix);
     match (format, &device.can) {
         (Format::Dbc, Some(can)) => Ok(can.dbc.clone()),

@@ -1,11 +1,13 @@
 //! `geu device`: the units that are known by name, and the check of a description.
 
 use std::fmt::Write;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 use geu_model::device::{DEVICES, Device};
-use geu_protocol::layout::{Frame, FrameSet};
+use geu_protocol::hex::spaced_hex;
+use geu_protocol::layout::{Frame, FrameSet, Quantity};
 use geu_protocol::suggestion::did_you_mean;
 
 use crate::command_error::{CommandError, print, say};
@@ -31,13 +33,16 @@ enum Action {
         #[arg(long)]
         toml: bool,
     },
-    /// Check a description; exit 2 with the place of the first error
+    /// Check a description; exit 2 with the place of the first error. docs/devices.md lists the keys
     Check {
         /// Description of the unit (TOML)
         #[arg(value_name = "FILE")]
         file: PathBuf,
     },
 }
+
+/// Name of the default unit, which has no description.
+pub const DEFAULT_DEVICE: &str = "iras";
 
 /// The unit of a name or a description.
 ///
@@ -46,19 +51,36 @@ enum Action {
 pub fn device(name: &str) -> Result<Device, CommandError> {
     match Device::from_name(name) {
         Some(device) => Ok(device),
-        None if !Path::new(name).exists() => {
-            let names: Vec<&str> = DEVICES.iter().map(|(name, _)| *name).collect();
-            let hint = did_you_mean(name, &names);
-            let known = names.join(", ");
-            Err(CommandError::input(format!("{name}: {hint}expected a description (TOML), or a name: {known}")))
-        }
+        None if !Path::new(name).exists() => Err(unknown(name)),
         None => read(Path::new(name)),
     }
 }
 
+fn unknown(name: &str) -> CommandError {
+    let names: Vec<&str> = DEVICES.iter().map(|(name, _)| *name).collect();
+    let hint = did_you_mean(name, &names);
+    CommandError::input(format!("{name}: {hint}expected a description (TOML), or a name: {}", names.join(", ")))
+}
+
+/// The text of a description or a file that it names, which may be in Windows' Western encoding as CAN databases are.
+fn text_of(path: &Path) -> Result<String, String> {
+    if !path.is_file() {
+        return Err(if path.exists() { "not a regular file" } else { "no such file" }.to_owned());
+    }
+    match geu_recording::read_text(path) {
+        Err(error) if error.kind() == ErrorKind::InvalidData => {
+            let bytes = std::fs::read(path).map_err(|error| error.to_string())?;
+            Ok(bytes.iter().map(|byte| char::from(*byte)).collect())
+        }
+        result => result.map_err(|error| error.to_string()),
+    }
+}
+
 fn read(path: &Path) -> Result<Device, CommandError> {
-    let text = read_text(path, "a description, such as `geu device show stim300 --toml` prints")?;
-    let beside = |file: &str| geu_recording::read_text(&path.with_file_name(file)).map_err(|error| error.to_string());
+    let expected = "expected a description, such as `geu device show stim300 --toml` prints";
+    let text =
+        text_of(path).map_err(|error| CommandError::input(format!("{}: {error}; {expected}", path.display())))?;
+    let beside = |file: &str| text_of(&path.with_file_name(file));
     Device::parse(&path.display().to_string(), &text, &beside).map_err(CommandError::input)
 }
 
@@ -85,8 +107,14 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
             let known = DEVICES.iter().find(|(own, _)| own == name);
             match known {
                 Some((_, text)) => print(format_args!("{text}")),
-                None => print(format_args!("{}", read_text(Path::new(name), "a description")?)),
+                None if Path::new(name).exists() => {
+                    print(format_args!("{}", read_text(Path::new(name), "a description")?))
+                }
+                None => Err(unknown(name)),
             }
+        }
+        Action::Show { device: name, .. } if name == DEFAULT_DEVICE => {
+            say!("{name}: the default unit; `geu describe icd` prints its interface")
         }
         Action::Show { device: name, .. } => print(format_args!("{}", text(&device(name)?))),
         Action::Check { file } => {
@@ -141,13 +169,19 @@ fn frames(set: &FrameSet) -> String {
 /// First bit and text of each field, of the constant and of the checks.
 fn lines(frame: &Frame, set: &FrameSet) -> Vec<(usize, String)> {
     let mut lines = Vec::new();
-    if !frame.start().is_empty() {
-        let bytes: Vec<String> = frame.start().iter().map(|byte| format!("{byte:02X}")).collect();
-        lines.push((0, format!("{:<12} {}", "constant", bytes.join(" "))));
+    for (at, bytes, is_constant) in frame.other_bytes() {
+        let kind = if is_constant { "constant" } else { "ignored" };
+        lines.push((8 * at, format!("{kind:<12} {}", spaced_hex(bytes))));
     }
     for field in &frame.fields {
         let (place, value) = (field.place, &set.values[field.slot]);
-        lines.push((8 * place.at, format!("{:<12} {} = {}", place.to_string(), value.name, field.formula())));
+        let modulo = match (&value.quantity, set.sequence) {
+            (Quantity::Sequence, (modulus, 1)) => format!(", modulo {modulus}"),
+            (Quantity::Sequence, (modulus, step)) => format!(", modulo {modulus}, in steps of {step}"),
+            _ => String::new(),
+        };
+        let text = format!("{:<12} {} = {}{modulo}", place.to_string(), value.name, field.formula());
+        lines.push((8 * place.at, text));
     }
     for check in &frame.checks {
         let text = format!("{:<12} {}", check.place.to_string(), check.in_words(frame.length()));

@@ -65,11 +65,8 @@ pub enum InputError {
     #[error("{name}: line 1: expected {}, got {got}; --input-format selects a format", Format::titles(true))]
     UnknownText { name: String, got: String },
     /// Binary without a frame.
-    #[error(
-        "{name}: offset 0 to {length}: expected {} with a matching CRC, got none; it begins {got}",
-        Format::titles(false)
-    )]
-    NoFrame { name: String, length: u64, got: String },
+    #[error("{name}: offset 0 to {length}: expected {expected}, got none; it begins {got}")]
+    NoFrame { name: String, length: u64, got: String, expected: String },
 }
 
 pub(crate) enum Source<'a> {

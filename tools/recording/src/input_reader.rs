@@ -68,6 +68,11 @@ pub trait Decode {
     fn finish(&mut self, sink: &mut impl Sink<Self::Row>);
     fn into_summary(self) -> DecodeSummary;
 
+    /// Serial frames or captures that are expected, in words.
+    fn expected(&self) -> String {
+        format!("{} with a matching CRC", Format::titles(false))
+    }
+
     /// Sets the format of the present input.
     fn describe(&mut self, kind: &str) {
         if let Some((_, known)) = self.summary().inputs.last_mut() {
@@ -128,10 +133,11 @@ impl<'a, D: Decode> InputReader<'a, D> {
             self.decoder.stop();
         }
         self.decoder.finish(sink);
+        let expected = self.decoder.expected();
         let summary = self.decoder.into_summary();
         let result = match self.serial {
             Some((name, length, head)) if summary.serial_frames == 0 && !is_stopped => {
-                Err(no_frame(&name, length, &head))
+                Err(no_frame(&name, length, &head, expected))
             }
             _ => Ok(()),
         };
@@ -193,7 +199,7 @@ impl<'a, D: Decode> InputReader<'a, D> {
                     && *length >= MAX_WITHOUT_FRAME
                     && self.decoder.summary().serial_frames == 0
                 {
-                    return Err(no_frame(name, *length, head));
+                    return Err(no_frame(name, *length, head, self.decoder.expected()));
                 }
             }
             // Only after the first row: an input that is refused leaves no header.
@@ -368,6 +374,6 @@ fn unknown_text(name: &str, head: &[u8]) -> InputError {
     InputError::UnknownText { name: name.to_owned(), got }
 }
 
-fn no_frame(name: &str, length: u64, head: &[u8]) -> InputError {
-    InputError::NoFrame { name: name.to_owned(), length, got: spaced_hex(head) }
+fn no_frame(name: &str, length: u64, head: &[u8], expected: String) -> InputError {
+    InputError::NoFrame { name: name.to_owned(), length, got: spaced_hex(head), expected }
 }

@@ -45,6 +45,8 @@ pub struct DecodeSummary {
     pub heads: Vec<(String, u64, u64)>,
     /// Name of the unit, if a description was given.
     pub device: Option<String>,
+    /// Frames of a described unit that were read, by their names.
+    pub frames: Vec<(String, u64)>,
     pub polled: u64,
     /// Frames that recorder or socket lost.
     pub dropped: u64,
@@ -308,6 +310,9 @@ impl DecodeSummary {
                 format!("DOES NOT ADD UP: {records} records and {bytes} bytes unexplained")
             },
         )?;
+        for (name, count) in &self.frames {
+            line(out, &format!("frames-{name}"), count)?;
+        }
         line(out, "defects", account.defect_count())?;
         for (kind, count) in &account.defects {
             line(out, &format!("defect-{}", kind.name()), count)?;
@@ -333,6 +338,9 @@ impl DecodeSummary {
         let counts = |count: fn(&(String, u64, u64)) -> u64| {
             self.heads.iter().map(|head| format!("{} {}", head.0, count(head))).collect::<Vec<_>>().join(" ")
         };
+        if self.heads.is_empty() {
+            return Ok(());
+        }
         line(out, "not-valid", counts(|head| head.1))?;
         line(out, "saturated", counts(|head| head.2))
     }

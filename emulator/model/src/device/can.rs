@@ -3,13 +3,14 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use geu_protocol::excerpt::excerpt;
 use geu_protocol::layout::{
-    Assembly, BitField, Database, DatabaseMessage, DatabaseSignal, Frame, FrameSet, SignalRole,
+    Assembly, BitField, Database, DatabaseMessage, DatabaseSignal, Frame, FrameSet, SignalRole, ValueSpec,
 };
-use geu_protocol::suggestion::did_you_mean;
+use geu_protocol::suggestion::{did_you_mean, listed};
 
-use super::fields::{Fields, KEYS};
-use super::serial::check;
+use super::fields::{Fields, Given};
+use super::serial::{CHECK_KEYS, check};
 use super::{Device, Files, positive};
 use crate::configuration::{ConfigurationError, Node};
 
@@ -23,61 +24,114 @@ pub struct CanWire {
     pub frames: Arc<FrameSet>,
 }
 
+/// Longest message, byte.
+const MAX_LENGTH: usize = 8;
+
 /// Default of `bitrate`.
 const BITRATE: f64 = 500_000.0;
 
 /// A frame under construction: a message, for one number of its selector.
 type Key = (usize, Option<u64>);
 
+/// Frames under construction, with the bits that are in use.
+type Frames = BTreeMap<Key, (Frame, Vec<u8>)>;
+
 impl CanWire {
-    pub(super) fn read(node: &Node, device: &Device, files: Files) -> Result<CanWire, ConfigurationError> {
+    /// Reads `node`; `values` belong to the other link.
+    pub(super) fn read(
+        node: &Node,
+        device: &Device,
+        values: Vec<ValueSpec>,
+        files: Files,
+    ) -> Result<CanWire, ConfigurationError> {
         node.only(&["dbc", "bitrate", "signals", "checks"])?;
         let bitrate = if node.keys().contains(&"bitrate") { positive(node, "bitrate", 1e3, 1e8)? } else { BITRATE };
         let text =
             files(node.text("dbc")?).map_err(|why| node.unexpected("dbc", &format!("a readable file ({why})")))?;
-        let database =
-            Database::parse(&text).map_err(|why| node.unexpected("dbc", &format!("a CAN database ({why})")))?;
+        let database = Database::parse(&text)
+            .map_err(|why| node.unexpected("dbc", &format!("a CAN database ({})", excerpt(&why))))?;
         let signals = node.table("signals")?;
         let signals =
             signals.ok_or_else(|| node.error("signals", "expected a table `signals`, got none".to_owned()))?;
-        let mut fields = Fields::new(device);
-        let mut frames: BTreeMap<Key, Frame> = BTreeMap::new();
+        let (mut fields, mut frames) = (Fields::new(device, values), Frames::new());
         for name in signals.keys() {
             let (key, place, signal) = find(&database, &signals, name, name)?;
-            let frame = frames.entry(key).or_insert_with(|| of_message(&database.messages[key.0], key.1));
-            let own = match signals.table(name)? {
-                Some(own) => own,
-                None => continue,
-            };
+            let frame = entry(&mut frames, &database, key);
+            reserve(frame, place, &signals, name)?;
+            let Some(own) = signals.table(name)? else { continue };
             if own.keys().contains(&"bits") {
                 own.only(&["bits"])?;
                 if let Some(bits) = own.table("bits")? {
-                    frame.fields.extend(fields.bits(&bits, place)?);
+                    frame.0.fields.extend(fields.bits(&bits, place)?);
                 }
                 continue;
             }
-            own.only(&KEYS)?;
-            frame.fields.push(fields.field(&own, place, (signal.scale, signal.offset))?);
+            let given = Given { scale: signal.scale, offset: signal.offset, unit: &signal.unit };
+            frame.0.fields.push(fields.field(&own, place, &given, &[])?);
         }
         for node in node.tables("checks")? {
+            node.only(&[&CHECK_KEYS[..], &["signal"]].concat())?;
             let (key, place, _) = find(&database, &node, "signal", node.text("signal")?)?;
-            let Some(frame) = frames.get_mut(&key) else {
-                return Err(node.unexpected("signal", "a signal of a message that carries something"));
-            };
-            frame.checks.push(check(&node, place, frame.length())?);
+            let frame = entry(&mut frames, &database, key);
+            reserve(frame, place, &node, "signal")?;
+            frame.0.checks.push(check(&node, place, frame.0.length())?);
         }
-        for frame in frames.values() {
-            overlaps(frame, &signals)?;
+        fields.set.frames = spread(frames).into_values().map(|(frame, _)| frame).collect();
+        if fields.set.frames.is_empty() || fields.set.frames.len() > Assembly::MAX_FRAMES {
+            let (max, got) = (Assembly::MAX_FRAMES, fields.set.frames.len());
+            return Err(node.error("signals", format!("expected 1 to {max} messages, got {got}")));
         }
-        if frames.is_empty() || frames.len() > Assembly::MAX_FRAMES {
-            return Err(
-                node.error("signals", format!("expected 1 to {} messages, got {}", Assembly::MAX_FRAMES, frames.len()))
-            );
+        if let Some(frame) = fields.set.frames.iter().find(|frame| frame.fields.is_empty()) {
+            let message = format!("expected a message that carries something, got {}", frame.name);
+            return Err(node.error("checks", message));
         }
-        fields.set.frames = frames.into_values().collect();
-        device.carries_all(&fields.set, node, "signals")?;
+        fields.check(node, "signals")?;
         Ok(CanWire { bitrate: bitrate as u32, dbc: text, frames: Arc::new(fields.set) })
     }
+}
+
+/// The frame of a key, new if there is none.
+fn entry<'f>(frames: &'f mut Frames, database: &Database, key: Key) -> &'f mut (Frame, Vec<u8>) {
+    frames.entry(key).or_insert_with(|| {
+        let frame = of_message(&database.messages[key.0], key.1);
+        let used = vec![0; frame.length()];
+        (frame, used)
+    })
+}
+
+/// Reserves the bits of a signal; errors point at `key`.
+fn reserve(
+    (frame, used): &mut (Frame, Vec<u8>),
+    place: BitField,
+    node: &Node,
+    key: &str,
+) -> Result<(), ConfigurationError> {
+    let own = place.used(frame.length());
+    if used.iter().zip(&own).any(|(used, own)| used & own != 0) {
+        let message = format!("expected a signal with bits of its own, got bits of another one in {}", frame.name);
+        return Err(node.error(key, message));
+    }
+    used.iter_mut().zip(own).for_each(|(used, own)| *used |= own);
+    Ok(())
+}
+
+/// In a message with a selector, its plain signals and checks are in the frame of each number.
+fn spread(mut frames: Frames) -> Frames {
+    let plain: Vec<usize> = frames.keys().filter(|(_, selected)| selected.is_none()).map(|(index, _)| *index).collect();
+    for index in plain {
+        let selected: Vec<Key> = frames.keys().filter(|key| key.0 == index && key.1.is_some()).copied().collect();
+        if selected.is_empty() {
+            continue;
+        }
+        let Some((common, _)) = frames.remove(&(index, None)) else { continue };
+        for key in selected {
+            if let Some((frame, _)) = frames.get_mut(&key) {
+                frame.fields.extend(common.fields.iter().cloned());
+                frame.checks.extend(common.checks.iter().cloned());
+            }
+        }
+    }
+    frames
 }
 
 /// The frame and the place of `MESSAGE.SIGNAL`; errors point at `key`.
@@ -87,61 +141,55 @@ fn find<'d>(
     key: &str,
     name: &str,
 ) -> Result<(Key, BitField, &'d DatabaseSignal), ConfigurationError> {
-    let names = database
-        .messages
-        .iter()
-        .flat_map(|message| message.signals.iter().map(move |signal| format!("{}.{}", message.name, signal.name)));
-    let names: Vec<String> = names.collect();
     let found = database.messages.iter().enumerate().find_map(|(index, message)| {
         let signal = name.strip_prefix(message.name.as_str())?.strip_prefix('.')?;
         Some((index, message.signals.iter().find(|own| own.name == signal)?))
     });
     let (index, signal) = found.ok_or_else(|| {
+        let of_message = |message: &DatabaseMessage| {
+            message.signals.iter().map(|signal| format!("{}.{}", message.name, signal.name)).collect::<Vec<_>>()
+        };
+        let names: Vec<String> = database.messages.iter().flat_map(of_message).collect();
         let hint = did_you_mean(name, &names);
-        node.error(key, format!("{hint}expected MESSAGE.SIGNAL of the database, got {name}"))
+        let known = listed(&names);
+        node.error(
+            key,
+            format!("{hint}expected \"MESSAGE.SIGNAL\" of the database, in quotes, got {name}; it has {known}"),
+        )
     })?;
+    let message = &database.messages[index];
+    if !(1..=MAX_LENGTH).contains(&message.length) {
+        return Err(
+            node.error(key, format!("expected a message of 1 to {MAX_LENGTH} bytes, got {} bytes", message.length))
+        );
+    }
     let place = signal.place.ok_or_else(|| {
-        node.error(key, format!("expected a signal inside its message, of at most 8 bytes, got {name}"))
+        let max = BitField::MAX_EXACT_BITS;
+        node.error(key, format!("expected a signal inside its message, of 1 to {max} bits, got {name}"))
     })?;
     let selected = match signal.role {
         SignalRole::Selected(number) => Some(number),
         SignalRole::Plain | SignalRole::Selector => None,
+        SignalRole::Nested => {
+            return Err(node.error(key, format!("expected a message with at most one selector, got {}", message.name)));
+        }
     };
     Ok(((index, selected), place, signal))
 }
 
 /// A message with the start values of its signals.
 fn of_message(message: &DatabaseMessage, selected: Option<u64>) -> Frame {
-    let mut frame = Frame::new(&message.name, message.length);
+    let name = selected.map_or(message.name.clone(), |number| format!("{}_{number}", message.name));
+    let mut frame = Frame::new(&name, message.length);
     frame.id = Some((message.id, message.is_extended));
     for signal in &message.signals {
-        match (signal.place, signal.role) {
-            (Some(place), SignalRole::Selector) if selected.is_some() => {
-                frame.set_selector(place, selected.unwrap_or_default());
-            }
-            (Some(place), SignalRole::Plain | SignalRole::Selector) => frame.set_number(place, signal.start),
-            (Some(place), SignalRole::Selected(number)) if Some(number) == selected => {
-                frame.set_number(place, signal.start)
-            }
+        let Some(place) = signal.place else { continue };
+        match (signal.role, selected) {
+            (SignalRole::Selector, Some(number)) => frame.set_selector(place, number),
+            (SignalRole::Plain | SignalRole::Selector, _) => frame.set_number(place, signal.start),
+            (SignalRole::Selected(number), Some(own)) if number == own => frame.set_number(place, signal.start),
             _ => {}
         }
     }
     frame
-}
-
-/// Refuses fields and checks that share a bit.
-fn overlaps(frame: &Frame, node: &Node) -> Result<(), ConfigurationError> {
-    let places = frame.fields.iter().map(|field| field.place).chain(frame.checks.iter().map(|check| check.place));
-    let mut used = vec![0; frame.length()];
-    for place in places {
-        let own = place.used(frame.length());
-        if used.iter().zip(&own).any(|(used, own)| used & own != 0) {
-            let name = &frame.name;
-            return Err(
-                node.error("", format!("expected signals with bits of their own in {name}, got two that share a bit"))
-            );
-        }
-        used.iter_mut().zip(own).for_each(|(used, own)| *used |= own);
-    }
-    Ok(())
 }

@@ -1,6 +1,6 @@
 //! What a field carries: a head's output, another value of the sample, or a bit of a status word.
 
-use geu_protocol::layout::{BitField, Coding, Field, FrameSet, Quantity, ValueSpec};
+use geu_protocol::layout::{BitField, Coding, Field, Frame, FrameSet, Quantity, ValueSpec};
 
 use super::{Device, Output};
 use crate::configuration::{ConfigurationError, Node};
@@ -27,29 +27,60 @@ const COUNTS: Units = &[("count", 1.0)];
 
 /// Words of a `value`.
 const VALUES: [&str; 5] = ["sequence", "clock_count", "latency", "electronics", "sensor"];
-/// Keys of a field that carries something.
-pub const KEYS: [&str; 8] = ["head", "value", "of", "unit", "scale", "offset", "modulus", "step"];
+/// Columns of rows beside the values.
+const COLUMNS: [&str; 2] = ["t_s", "number"];
+
+/// True for a name that programs can have: a letter, then letters, digits and underscores.
+pub fn is_identifier(name: &str) -> bool {
+    let is_part = |letter: char| letter.is_ascii_alphanumeric() || letter == '_';
+    name.starts_with(|first: char| first.is_ascii_alphabetic()) && name.len() <= MAX_NAME && name.chars().all(is_part)
+}
+
+/// Longest name.
+const MAX_NAME: usize = 48;
 
 /// Collects the fields of a link.
 pub struct Fields<'a> {
     pub device: &'a Device,
     pub set: FrameSet,
+    /// Slots of the outputs that this link carries.
+    outputs: Vec<usize>,
+}
+
+/// Scale and offset of a field without its own, and its unit in a database.
+pub struct Given<'a> {
+    pub scale: f64,
+    pub offset: f64,
+    pub unit: &'a str,
 }
 
 impl<'a> Fields<'a> {
-    pub fn new(device: &'a Device) -> Fields<'a> {
-        Fields { device, set: FrameSet { frames: Vec::new(), values: Vec::new(), sequence: (1, 1) } }
+    /// Fields of a link, beside these values of another one.
+    pub fn new(device: &'a Device, values: Vec<ValueSpec>) -> Fields<'a> {
+        Fields { device, set: FrameSet { frames: Vec::new(), values, sequence: (1, 1) }, outputs: Vec::new() }
     }
 
-    /// BitField of a quantity among the values, added if it is new.
-    fn slot(&mut self, quantity: Quantity, name: String, factor: f64) -> usize {
-        self.set.slot(&quantity).unwrap_or_else(|| {
-            self.set.values.push(ValueSpec { quantity, name, factor });
-            self.set.values.len() - 1
-        })
+    /// Place of a quantity among the values, added if it is new.
+    ///
+    /// # Errors
+    /// It has another name, and with it another unit; or another quantity has the name. In words.
+    fn slot(&mut self, quantity: Quantity, name: String, factor: f64) -> Result<usize, String> {
+        if let Some(slot) = self.set.slot(&quantity) {
+            let known = &self.set.values[slot].name;
+            return match *known == name {
+                true => Ok(slot),
+                false => Err(format!("expected the unit of the other field, for the column {known}, got {name}")),
+            };
+        }
+        let names = self.set.values.iter().map(|value| value.name.as_str()).chain(COLUMNS);
+        if let Some(other) = names.into_iter().find(|other| other.eq_ignore_ascii_case(&name)) {
+            return Err(format!("expected a name of its own, got {name} beside {other}"));
+        }
+        self.set.values.push(ValueSpec { quantity, name, factor });
+        Ok(self.set.values.len() - 1)
     }
 
-    /// The field that `node` describes, at this place. `scale` and `offset` hold where it has none.
+    /// The field that `node` describes, at this place; `more` are keys that it may have beside its own.
     ///
     /// # Errors
     /// Unknown words; an output that another field carries already, or that is smaller than the range.
@@ -57,16 +88,24 @@ impl<'a> Fields<'a> {
         &mut self,
         node: &Node,
         place: BitField,
-        (scale, offset): (f64, f64),
+        given: &Given,
+        more: &[&str],
     ) -> Result<Field, ConfigurationError> {
+        let keys: &[&str] = match node.keys().contains(&"head") {
+            true => &["head", "of", "unit", "scale", "offset"],
+            false if node.text("value").is_ok_and(|value| value == "sequence") => &["value", "modulus", "step"],
+            false => &["value", "unit", "scale", "offset"],
+        };
+        node.only(&[keys, more].concat())?;
         let real = |key: &str, default: f64| {
             Ok::<f64, ConfigurationError>(node.value(key, ValueFormat::Real, -1e12, 1e12)?.unwrap_or(default))
         };
-        let (scale, offset) = (real("scale", scale)?, real("offset", offset)?);
+        let (scale, offset) = (real("scale", given.scale)?, real("offset", given.offset)?);
         if scale == 0.0 {
             return Err(node.unexpected("scale", "a number that is not 0"));
         }
         let (quantity, stem, units) = self.carried(node)?;
+        let key = if node.keys().contains(&"head") { "head" } else { "value" };
         let names: Vec<&str> = units.iter().map(|(name, _)| *name).collect();
         let (unit, factor) = match node.keys().contains(&"unit") || matches!(quantity, Quantity::Output(_)) {
             true => {
@@ -75,19 +114,26 @@ impl<'a> Fields<'a> {
             }
             false => units[0],
         };
+        if names.contains(&given.unit) && given.unit != unit {
+            return Err(node.error("unit", format!("expected the unit of the database, {}, got {unit}", given.unit)));
+        }
         if quantity == Quantity::Sequence {
-            self.set.sequence = self.sequence(node, &place)?;
+            self.sequence(node, &place, (scale, offset))?;
         }
         let is_output = matches!(quantity, Quantity::Output(_));
-        if is_output && self.set.slot(&quantity).is_some() {
-            return Err(node.error("head", "expected one field for the output of a head, got another one".to_owned()));
-        }
         let suffix = match unit {
             "count" => String::new(),
             "degC" => "_c".to_owned(),
             unit => format!("_{}", unit.replace('/', "_")),
         };
-        let field = Field::new(self.slot(quantity, stem + &suffix, factor), place).scaled(scale, offset);
+        let slot = self.slot(quantity, stem + &suffix, factor).map_err(|message| node.error(key, message))?;
+        if is_output && self.outputs.contains(&slot) {
+            return Err(node.error("head", "expected one field for the output of a head, got another one".to_owned()));
+        }
+        if is_output {
+            self.outputs.push(slot);
+        }
+        let field = Field::new(slot, place).scaled(scale, offset);
         let range = match self.device.output {
             Output::Increment => self.device.range_arcsec_s * self.device.interval_s,
             Output::Rate => self.device.range_arcsec_s,
@@ -129,21 +175,65 @@ impl<'a> Fields<'a> {
         Ok((quantity, value.to_owned(), units))
     }
 
-    /// Modulus and step of the sequence in a field.
-    fn sequence(&self, node: &Node, place: &BitField) -> Result<(u64, u64), ConfigurationError> {
-        let whole = place.coding == Coding::Unsigned;
-        let size = 1u64 << place.bits.min(53);
+    /// Takes the modulus and step of the sequence from a field.
+    fn sequence(&mut self, node: &Node, place: &BitField, scaling: (f64, f64)) -> Result<(), ConfigurationError> {
+        if place.coding != Coding::Unsigned || scaling != (1.0, 0.0) {
+            let message = format!("expected a sequence in a whole number without sign and scale, got {place}");
+            return Err(node.error("value", message));
+        }
+        let size = 1u64 << place.bits;
         let modulus = node.whole_number("modulus")?.unwrap_or(size);
-        if !whole || !(2..=size).contains(&modulus) {
-            return Err(
-                node.unexpected("modulus", &format!("a field without sign, and a whole number from 2 to {size}"))
-            );
+        if !(2..=size).contains(&modulus) {
+            return Err(node.unexpected("modulus", &format!("a whole number from 2 to {size}")));
         }
         let step = node.whole_number("step")?.unwrap_or(1);
-        match step > 0 && modulus.is_multiple_of(step) && step < modulus {
-            true => Ok((modulus, step)),
-            false => Err(node.unexpected("step", &format!("a divisor of the modulus {modulus} below it"))),
+        if step == 0 || !modulus.is_multiple_of(step) || step >= modulus {
+            return Err(node.unexpected("step", &format!("a divisor of the modulus {modulus} below it")));
         }
+        if self.set.sequence != (1, 1) && self.set.sequence != (modulus, step) {
+            let (other, _) = self.set.sequence;
+            let message = format!("expected the modulus of the other field, {other}, got {modulus}");
+            return Err(node.error("value", message));
+        }
+        self.set.sequence = (modulus, step);
+        Ok(())
+    }
+
+    /// Refuses a link in which a frame of every sample does not carry the outputs and the sequence.
+    ///
+    /// # Errors
+    /// Such a link; the error points at `key`.
+    pub fn check(&self, node: &Node, key: &str) -> Result<(), ConfigurationError> {
+        let frames = self.set.frames.iter().filter(|frame| frame.every == 1);
+        let carried: Vec<usize> = frames.flat_map(|frame| &frame.fields).map(|field| field.slot).collect();
+        let has = |quantity: Quantity| self.set.slot(&quantity).is_some_and(|slot| carried.contains(&slot));
+        if let Some(head) = (0..self.device.heads.len()).find(|head| !has(Quantity::Output(*head))) {
+            let name = &self.device.heads[head].name;
+            let message =
+                format!("expected a field for each head in a frame of every sample, got none for head {name}");
+            return Err(node.error(key, message));
+        }
+        if self.set.sequence != (1, 1) && !has(Quantity::Sequence) {
+            return Err(node.error(key, "expected the sequence in a frame of every sample, got a rarer one".to_owned()));
+        }
+        for (index, frame) in self.set.frames.iter().enumerate() {
+            let same = |other: &&Frame| other.name.eq_ignore_ascii_case(&frame.name);
+            if self.set.frames[..index].iter().any(|other| same(&other)) {
+                return Err(node.error(key, format!("expected frames of different names, got {} twice", frame.name)));
+            }
+            let bytes = |frame: &Frame| (frame.id, frame.template().to_vec(), frame.required().to_vec());
+            let constant = |frame: &Frame| {
+                let (id, template, required) = bytes(frame);
+                (id, template.iter().zip(&required).map(|(own, mask)| own & mask).collect::<Vec<u8>>(), required)
+            };
+            if let Some(other) = self.set.frames[..index].iter().find(|other| constant(other) == constant(frame)) {
+                let (one, other) = (&other.name, &frame.name);
+                return Err(
+                    node.error(key, format!("expected frames that differ in a constant, got {one} and {other}"))
+                );
+            }
+        }
+        Ok(())
     }
 
     /// Fields of the named bits of a word: `X_valid`, `X_invalid`, `X_saturated` of a head; any other name is a bit of the status.
@@ -156,14 +246,19 @@ impl<'a> Fields<'a> {
             let last = f64::from(word.bits - 1);
             let bit = node.value(name, ValueFormat::Whole, 0.0, last)?.unwrap_or_default();
             let head = |suffix: &str| name.strip_suffix(suffix).and_then(|head| self.device.head(head).ok());
-            let (quantity, is_inverted) = match (head("_valid"), head("_invalid"), head("_saturated")) {
-                (Some(head), ..) => (Quantity::Valid(head), false),
-                (_, Some(head), _) => (Quantity::Valid(head), true),
-                (.., Some(head)) => (Quantity::Saturated(head), false),
-                _ => (Quantity::Status(name.to_owned()), false),
+            let (quantity, column, is_inverted) = match (head("_valid"), head("_invalid"), head("_saturated")) {
+                (Some(head), ..) => (Quantity::Valid(head), name.to_owned(), false),
+                (_, Some(head), _) => (Quantity::Valid(head), name.replace("_invalid", "_valid"), true),
+                (.., Some(head)) => (Quantity::Saturated(head), name.to_owned(), false),
+                _ if is_identifier(name) => (Quantity::Status(name.to_owned()), format!("status_{name}"), false),
+                _ => {
+                    return Err(
+                        node.error(name, format!("expected a name of letters, digits and underscores, got {name:?}"))
+                    );
+                }
             };
-            let column = if is_inverted { name.replace("_invalid", "_valid") } else { name.to_owned() };
-            let field = Field::new(self.slot(quantity, column, 1.0), word.bits_of(bit as u32, 1));
+            let slot = self.slot(quantity, column, 1.0).map_err(|message| node.error(name, message))?;
+            let field = Field::new(slot, word.bits_of(bit as u32, 1));
             fields.push(if is_inverted { field.scaled(-1.0, 1.0) } else { field });
         }
         Ok(fields)

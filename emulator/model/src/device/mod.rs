@@ -12,14 +12,17 @@ mod can;
 mod fields;
 mod serial;
 
+use std::sync::Arc;
+
 use geu_protocol::describe::Wire;
-use geu_protocol::layout::FrameSet;
+use geu_protocol::layout::ValueSpec;
 use geu_protocol::suggestion::did_you_mean;
 
 use crate::configuration::{ConfigText, ConfigurationError, Node};
 use crate::parameter_spec::ValueFormat;
 use crate::units::ARCSEC_PER_DEG;
 
+use self::fields::is_identifier;
 pub use can::CanWire;
 pub use serial::SerialWire;
 
@@ -139,7 +142,16 @@ impl Device {
             can: None,
         };
         device.serial = node.table("serial")?.map(|serial| SerialWire::read(&serial, &device)).transpose()?;
-        device.can = node.table("can")?.map(|can| CanWire::read(&can, &device, files)).transpose()?;
+        let values = device.serial.as_ref().map(|serial| serial.frames.values.clone()).unwrap_or_default();
+        device.can = node.table("can")?.map(|can| CanWire::read(&can, &device, values, files)).transpose()?;
+        if let (Some(serial), Some(can)) = (&mut device.serial, &device.can) {
+            Arc::make_mut(&mut serial.frames).values.clone_from(&can.frames.values);
+            let is_shared = |name: &str| serial.frames.frames.iter().any(|frame| frame.name.eq_ignore_ascii_case(name));
+            if let Some(frame) = can.frames.frames.iter().find(|frame| is_shared(&frame.name)) {
+                let message = format!("expected messages of other names than the serial frames, got {}", frame.name);
+                return Err(node.error("can", message));
+            }
+        }
         if device.serial.is_none() && device.can.is_none() {
             return Err(node.error("serial", "expected a table [device.serial] or [device.can], got none".to_owned()));
         }
@@ -174,6 +186,17 @@ impl Device {
         }
     }
 
+    /// Values of a sample, the same on all links.
+    pub fn values(&self) -> &[ValueSpec] {
+        let frames = self.can.as_ref().map(|can| &can.frames).or(self.serial.as_ref().map(|serial| &serial.frames));
+        frames.map_or(&[], |frames| &frames.values)
+    }
+
+    /// True if frames are found without a constant or a check of all fields.
+    pub fn is_unchecked(&self) -> bool {
+        self.serial.as_ref().is_some_and(|serial| serial.is_unchecked)
+    }
+
     /// The head of that name.
     ///
     /// # Errors
@@ -183,18 +206,6 @@ impl Device {
             let names: Vec<&str> = self.heads.iter().map(|head| head.name.as_str()).collect();
             format!("{}expected a head ({}), got {name}", did_you_mean(name, &names), names.join(", "))
         })
-    }
-
-    /// Refuses a link that does not carry the output of every head.
-    fn carries_all(&self, frames: &FrameSet, node: &Node, key: &str) -> Result<(), ConfigurationError> {
-        use geu_protocol::layout::Quantity::Output;
-        match (0..self.heads.len()).find(|head| frames.slot(&Output(*head)).is_none()) {
-            Some(head) => {
-                let name = &self.heads[head].name;
-                Err(node.error(key, format!("expected a field for each head, got none for head {name}")))
-            }
-            None => Ok(()),
-        }
     }
 }
 
@@ -223,12 +234,9 @@ fn head(node: &Node) -> Result<Head, ConfigurationError> {
         }
     }
     let name = node.text("name")?;
-    let is_name = |name: &str| {
-        (1..=16).contains(&name.len()) && name.chars().all(|letter| letter.is_ascii_alphanumeric() || letter == '_')
-    };
-    match is_name(name) {
+    match is_identifier(name) {
         true => Ok(Head { name: name.to_owned(), input, output }),
-        false => Err(node.unexpected("name", "a name of 1 to 16 letters, digits and underscores")),
+        false => Err(node.unexpected("name", "a name of letters, digits and underscores")),
     }
 }
 

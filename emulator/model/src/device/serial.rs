@@ -7,9 +7,10 @@ use geu_protocol::layout::{Assembly, BitField, Check, Coding, Frame, FrameSet, N
 use geu_protocol::serial::{BITS_PER_BYTE, DEFAULT_BAUD};
 use geu_protocol::suggestion::did_you_mean;
 
-use super::fields::{Fields, KEYS};
+use super::fields::{Fields, Given, is_identifier};
 use super::{Device, positive};
 use crate::configuration::{ConfigurationError, Node};
+use crate::parameter_spec::ValueFormat;
 
 /// Longest frame, byte.
 const MAX_FRAME: usize = 1024;
@@ -31,7 +32,7 @@ impl SerialWire {
             true => positive(node, "baud", 50.0, 1e8)? as u32,
             false => DEFAULT_BAUD,
         };
-        let mut fields = Fields::new(device);
+        let mut fields = Fields::new(device, Vec::new());
         let (mut is_unchecked, mut line_s) = (false, 0.0);
         let nodes = node.tables("frame")?;
         for node in &nodes {
@@ -56,7 +57,7 @@ impl SerialWire {
             );
             return Err(node.error("baud", message));
         }
-        device.carries_all(&fields.set, node, "frame")?;
+        fields.check(node, "frame")?;
         Ok(SerialWire { baud, frames: Arc::new(fields.set), is_unchecked })
     }
 }
@@ -74,7 +75,11 @@ fn frame(node: &Node, fields: &mut Fields) -> Result<(Frame, bool), Configuratio
     if length == 0 || length > MAX_FRAME {
         return Err(node.error("fields", format!("expected fields of 1 to {MAX_FRAME} bytes, got {length}")));
     }
-    let mut frame = Frame::new(node.text("name")?, length);
+    let name = node.text("name")?;
+    if !is_identifier(name) {
+        return Err(node.unexpected("name", "a name of letters, digits and underscores"));
+    }
+    let mut frame = Frame::new(name, length);
     frame.every = match node.whole_number("every")? {
         None => 1,
         Some(every @ 1..=1_000_000) => every as u32,
@@ -83,19 +88,23 @@ fn frame(node: &Node, fields: &mut Fields) -> Result<(Frame, bool), Configuratio
     for (field, at) in own.iter().zip(places) {
         add(field, at, &mut frame, fields)?;
     }
-    let is_found = !frame.start().is_empty() && !frame.checks.is_empty();
-    let is_unchecked = node.value("unchecked", crate::parameter_spec::ValueFormat::Flag, 0.0, 1.0)? == Some(1.0);
-    match is_found || is_unchecked {
-        _ if frame.start().is_empty() && frame.checks.is_empty() => {
-            Err(node.error("fields", "expected a constant at the start, or a check, got none".to_owned()))
-        }
-        true => Ok((frame, !is_found)),
-        false => {
-            let message = "expected a constant at the start and a check, so that no other bytes are taken for a frame, got only \
-                           the one or the other; `unchecked = true` accepts that";
-            Err(node.error("fields", message.to_owned()))
-        }
+    let is_unchecked = node.value("unchecked", ValueFormat::Flag, 0.0, 1.0)? == Some(1.0);
+    let (has_start, has_check) = (!frame.start().is_empty(), !frame.checks.is_empty());
+    let is_found = has_start && has_check && frame.is_covered();
+    if is_found || (is_unchecked && (has_start || has_check)) {
+        return Ok((frame, !is_found));
     }
+    let got = match (has_start, has_check) {
+        (true, true) => "a check that does not cover every field",
+        (true, false) => "no check",
+        (false, true) => "no constant",
+        (false, false) => "neither",
+    };
+    let message = format!(
+        "expected a constant at the start and a check of all fields, by which the frame is found, got {got}; \
+         `unchecked = true` accepts a frame without the one or the other"
+    );
+    Err(node.error("fields", message))
 }
 
 /// The bytes under a key, in hexadecimal.
@@ -137,6 +146,7 @@ fn add(node: &Node, at: usize, frame: &mut Frame, fields: &mut Fields) -> Result
         node.only(&["ignored", "comment"])?;
         frame.set_ignored(at, &bytes(node, "ignored")?);
     } else if has("crc") {
+        node.only(&[&CHECK_KEYS[..], &["type"]].concat())?;
         frame.checks.push(check(node, BitField::bytes(at, number(node)?), frame.length())?);
     } else if has("bits") {
         node.only(&["bits", "type"])?;
@@ -148,37 +158,37 @@ fn add(node: &Node, at: usize, frame: &mut Frame, fields: &mut Fields) -> Result
             frame.fields.extend(fields.bits(&bits, word)?);
         }
     } else {
-        node.only(&[&KEYS[..], &["type"]].concat())?;
         let place = BitField::bytes(at, number(node)?);
-        frame.fields.push(fields.field(node, place, (1.0, 0.0))?);
+        frame.fields.push(fields.field(node, place, &Given { scale: 1.0, offset: 0.0, unit: "" }, &["type"])?);
     }
     Ok(())
 }
 
+/// Keys of a check.
+pub(super) const CHECK_KEYS: [&str; 5] = ["crc", "from", "to", "pad_to", "suffix"];
+
 /// A check, in a frame of this length.
 pub(super) fn check(node: &Node, place: BitField, length: usize) -> Result<Check, ConfigurationError> {
-    node.only(&["crc", "type", "signal", "from", "to", "pad_to", "suffix"])?;
     let whole = |key: &str, default: usize, max: usize| match node.whole_number(key)? {
         None => Ok(default),
         Some(value) if value as usize <= max => Ok(value as usize),
         Some(_) => Err(node.unexpected(key, &format!("a whole number up to {max}"))),
     };
-    // On a serial line a check covers what comes before it, on CAN the rest of the message.
+    // On CAN a check covers the rest of the message.
     let all = if node.keys().contains(&"signal") { length } else { place.at };
     let to = whole("to", all, length)?;
     let from = whole("from", 0, to)?;
     let name = node.text("crc")?;
     let mut check = Check::new(name, place, from..to).ok_or_else(|| {
-        let names = check_names();
-        let hint = did_you_mean(name, &names);
-        node.unexpected("crc", &format!("a name of the CRC catalogue, sum, negated-sum or xor; {hint}"))
+        let hint = did_you_mean(name, check_names());
+        let message = format!(
+            "{hint}expected sum, negated-sum, xor or a name of the CRC catalogue such as CRC-16/XMODEM, got {name}"
+        );
+        node.error("crc", message)
     })?;
     if place.coding != Coding::Unsigned || (check.width() > 0 && check.width() != place.bits) {
-        let message = format!(
-            "expected a field of {} bits without sign for {name}, got {} bits",
-            check.width().max(place.bits),
-            place.bits
-        );
+        let width = if check.width() > 0 { format!("{} bits", check.width()) } else { "any bits".to_owned() };
+        let message = format!("expected a field of {width} without sign for {name}, got {place}");
         return Err(node.error("crc", message));
     }
     check.pad_to = whole("pad_to", 1, Check::MAX_PADDING)?.max(1);

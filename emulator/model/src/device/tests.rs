@@ -134,10 +134,34 @@ fields = [
 ]
 "#;
 
+const DBC: &str = "VERSION \"\"
+BU_: U
+BO_ 291 DATA: 4 U
+ SG_ RATE : 0|16@1- (0.01,0) [0|0] \"deg/s\" U
+ SG_ OTHER : 8|8@1+ (1,0) [0|0] \"\" U
+ SG_ LONG : 24|16@1+ (1,0) [0|0] \"\" U
+ SG_ COUNTER : 24|4@1+ (1,0) [0|0] \"\" U
+ SG_ WIDE : 1|18446744073709551615@1+ (1,0) [0|0] \"\" U
+BO_ 292 MIX: 8 U
+ SG_ PAGE M : 0|8@1+ (1,0) [0|0] \"\" U
+ SG_ NUMBER : 8|8@1+ (1,0) [0|0] \"\" U
+ SG_ RATE_A m0 : 16|16@1- (0.01,0) [0|0] \"deg/s\" U
+ SG_ WARMTH m1 : 16|16@1- (0.01,0) [0|0] \"\" U
+ SG_ CRC : 56|8@1+ (1,0) [0|0] \"\" U
+BO_ 293 NESTED: 8 U
+ SG_ PAGE M : 0|8@1+ (1,0) [0|0] \"\" U
+ SG_ SUB m0M : 8|8@1+ (1,0) [0|0] \"\" U
+ SG_ RATE m0 : 16|16@1- (0.01,0) [0|0] \"deg/s\" U
+BO_ 294 HUGE: 18446744073709551615 U
+ SG_ RATE : 0|16@1- (0.01,0) [0|0] \"deg/s\" U
+";
+
 fn parse(text: &str) -> Result<Device, ConfigurationError> {
-    let dbc = "VERSION \"\"\nBU_: U\nBO_ 291 DATA: 4 U\n SG_ RATE : 0|16@1- (0.01,0) [0|0] \"\" U\n SG_ OTHER : 8|8@1+ (1,0) [0|0] \"\" U\n SG_ LONG : 24|16@1+ (1,0) [0|0] \"\" U\n";
-    Device::parse("t.toml", text, &|file| {
-        if file == "t.dbc" { Ok(dbc.to_owned()) } else { Err("no such file".to_owned()) }
+    Device::parse("t.toml", text, &|file| match file {
+        "t.dbc" => Ok(DBC.to_owned()),
+        "short.dbc" => Ok(DBC.replace("BO_ 291", "BO_ 217066112")),
+        "garbage.dbc" => Ok("x".repeat(100_000)),
+        _ => Err("no such file".to_owned()),
     })
 }
 
@@ -152,7 +176,7 @@ fn errors_of_a_description_say_what_was_expected() {
         ("[0.0, 2.0, 0.0]", "[0.0, 0.0, 0.0]", "a direction"),
         ("[0.0, 2.0, 0.0]", "[0.0, 2.0]", "a direction"),
         ("output = [0.0, 0.0, 1.0]", "output = [0.0, 1.0, 1.0]", "perpendicular"),
-        ("name = \"X\"", "name = \"é\"", "a name of 1 to 16"),
+        ("name = \"X\"", "name = \"é\"", "a name of letters"),
         ("head = \"X\", type", "head = \"Y\", type", "expected a head (X), got Y"),
         ("i16be", "i16", "did you mean `i16"),
         ("i16be", "i8", "the range of the unit, got one from"),
@@ -173,6 +197,39 @@ fn errors_of_a_description_say_what_was_expected() {
         ("value = \"sequence\", type = \"u8\"", "head = \"X\", type = \"i16be\", unit = \"deg/s\"", "got another one"),
         ("[device.serial]\nbaud = 9600\n[[device.serial.frame]]", "[[other]]", "unknown key `other`"),
         ("name = \"DATA\"", "name = \"DATA\"\nevery = 2", "1 for one frame or more"),
+        ("name = \"DATA\"", "name = \"a b\"", "a name of letters"),
+        (
+            "value = \"sequence\", type = \"u8\"",
+            "bits = { number = 0, \"a,b\" = 1 }, type = \"u8\"",
+            "a name of letters",
+        ),
+        (
+            "value = \"sequence\", type = \"u8\"",
+            "value = \"sequence\", type = \"u8\", scale = 2.0",
+            "unknown key `scale`",
+        ),
+        (
+            "value = \"sequence\", type = \"u8\"",
+            "value = \"latency\", type = \"u8\" }, { value = \"latency\", type = \"u8\", unit = \"ms\"",
+            "the unit of the other field",
+        ),
+        (
+            "value = \"sequence\", type = \"u8\"",
+            "value = \"sequence\", type = \"u8\" }, { value = \"sequence\", type = \"u16be\"",
+            "the modulus of the other field",
+        ),
+        ("type = \"u16be\" },\n]", "type = \"u16be\", to = 2 },\n]", "does not cover every field"),
+        ("type = \"u16be\" },\n]", "type = \"u16be\", signal = \"x\" },\n]", "unknown key `signal`"),
+        (
+            "type = \"u16be\" },\n]\n",
+            "type = \"u16be\" },\n]\n[[device.serial.frame]]\nname = \"data\"\nfields = [{ constant = \"A6\" }, { crc = \"xor\", type = \"u8\" }]\n",
+            "frames of different names",
+        ),
+        (
+            "type = \"u16be\" },\n]\n",
+            "type = \"u16be\" },\n]\n[[device.serial.frame]]\nname = \"B\"\nevery = 5\nfields = [{ constant = \"A5\" }, { ignored = \"00 00 00\" }, { crc = \"CRC-16/XMODEM\", type = \"u16be\" }]\n",
+            "differ in a constant",
+        ),
         ("name = \"DATA\"", "name = \"DATA\"\nevery = 0", "a whole number from 1"),
     ] {
         let text = TEXT.replacen(from, to, 1);
@@ -198,12 +255,63 @@ fn a_can_unit_has_its_signals_from_a_database() {
         ("\"DATA.OTHER\" = { value = \"sequence\" }", "none for head X"),
         (
             "\"DATA.RATE\" = { head = \"X\", unit = \"deg/s\" }, \"DATA.OTHER\" = { value = \"sequence\" }",
-            "share a bit",
+            "bits of its own",
         ),
     ] {
         let error = parse(&can(signals)).map(|_| ()).expect_err(signals).to_string();
         assert!(error.contains(part) && error.contains("t.toml:"), "{part:?} not in {error}");
     }
-    let missing = can("").replace("t.dbc", "other.dbc");
-    assert!(parse(&missing).map(|_| ()).expect_err("no file").to_string().contains("no such file"));
+    let rate = "\"DATA.RATE\" = { head = \"X\", unit = \"deg/s\" }";
+    for (signals, part) in [
+        ("DATA.RATE = { head = \"X\" }".to_owned(), "in quotes"),
+        (format!("{rate}, \"DATA.WIDE\" = {{ value = \"clock_count\" }}"), "of 1 to 53 bits"),
+        (format!("{rate}, \"DATA.COUNTER\" = {{ value = \"sequence\", modulus = 17 }}"), "from 2 to 16"),
+        ("\"DATA.RATE\" = { head = \"X\", unit = \"rad/s\" }".to_owned(), "the unit of the database, deg/s"),
+        ("\"NESTED.RATE\" = { head = \"X\", unit = \"deg/s\" }".to_owned(), "at most one selector"),
+        ("\"HUGE.RATE\" = { head = \"X\", unit = \"deg/s\" }".to_owned(), "a message of 1 to 8 bytes"),
+    ] {
+        let error = parse(&can(&signals)).map(|_| ()).expect_err(&signals).to_string();
+        assert!(error.contains(part), "{part:?} not in {error}");
+    }
+    for (file, part) in [("other", "no such file"), ("short", "bit 31 set"), ("garbage", "a CAN database")] {
+        let error =
+            parse(&can(rate).replace("\"t.dbc", &format!("\"{file}.dbc"))).map(|_| ()).expect_err(file).to_string();
+        assert!(error.contains(part) && error.len() < 1000, "{part:?} not in {error}");
+    }
+}
+
+#[test]
+fn plain_signals_and_checks_of_a_multiplexed_message_are_in_each_of_its_frames() {
+    let serial = TEXT.find("[device.serial]").unwrap();
+    let text = format!(
+        "{}[device.can]\ndbc = \"t.dbc\"\n[device.can.signals]\n\"MIX.NUMBER\" = {{ value = \"sequence\" }}\n\
+         \"MIX.RATE_A\" = {{ head = \"X\", unit = \"deg/s\" }}\n\"MIX.WARMTH\" = {{ value = \"sensor\" }}\n\
+         [[device.can.checks]]\nsignal = \"MIX.CRC\"\ncrc = \"CRC-8/SAE-J1850\"\n",
+        &TEXT[..serial]
+    );
+    let frames = parse(&text).unwrap().can.unwrap().frames;
+    let names: Vec<(&str, usize, usize)> =
+        frames.frames.iter().map(|frame| (frame.name.as_str(), frame.fields.len(), frame.checks.len())).collect();
+    assert_eq!(names, [("MIX_0", 2, 1), ("MIX_1", 2, 1)]);
+    let mut bytes = Vec::new();
+    frames.frames[1].write(&vec![3.0; frames.values.len()], &mut bytes);
+    assert_eq!(bytes[..4], [1, 3, 0x2C, 0x01]);
+    assert!(!frames.frames[0].has_constants(&bytes) && frames.frames[1].has_constants(&bytes));
+    assert!(frames.frames[1].checks_hold(&bytes));
+    bytes[2] ^= 1;
+    assert!(!frames.frames[1].checks_hold(&bytes));
+}
+
+#[test]
+fn both_links_of_a_unit_have_the_same_values() {
+    let text = format!(
+        "{TEXT}[device.can]\ndbc = \"t.dbc\"\nsignals = {{ \"DATA.COUNTER\" = {{ value = \"sequence\" }}, \
+         \"DATA.RATE\" = {{ head = \"X\", unit = \"deg/s\" }} }}\n"
+    );
+    let error = parse(&text).map(|_| ()).expect_err("a frame and a message DATA").to_string();
+    assert!(error.contains("other names than the serial frames"), "{error}");
+    let device = parse(&text.replace("name = \"DATA\"", "name = \"S\"")).unwrap();
+    let (serial, can) = (device.serial.unwrap().frames, device.can.unwrap().frames);
+    assert_eq!(serial.values, can.values);
+    assert_eq!((serial.sequence, can.sequence), ((256, 1), (16, 1)));
 }

@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use geu_protocol::capture::Timestamp;
-use geu_protocol::layout::FrameSet;
+use geu_protocol::layout::ValueSpec;
 use geu_recording::DeviceSample;
 
 use super::{TextFormat, quote, write_seconds};
@@ -18,8 +18,8 @@ pub struct DeviceRows {
 }
 
 impl DeviceRows {
-    pub fn new(format: TextFormat, frames: &FrameSet, interval_s: f64) -> DeviceRows {
-        DeviceRows { format, names: frames.values.iter().map(|value| value.name.clone()).collect(), interval_s }
+    pub fn new(format: TextFormat, values: &[ValueSpec], interval_s: f64) -> DeviceRows {
+        DeviceRows { format, names: values.iter().map(|value| value.name.clone()).collect(), interval_s }
     }
 
     /// The header line.
@@ -32,7 +32,7 @@ impl DeviceRows {
 
     /// Appends a row with its line end. Without a receive time a sample has that of its number.
     pub fn write(&self, row: &DeviceSample, out: &mut Vec<u8>) {
-        let number = || Timestamp { t_ns: (row.number as f64 * self.interval_s * 1e9).round() as i64, digits: 6 };
+        let number = || Timestamp { t_ns: (row.number as f64 * self.interval_s * 1e9).round() as i64, digits: 9 };
         let is_json = self.format == TextFormat::Jsonl;
         out.extend_from_slice(if is_json { b"{\"t_s\":" } else { b"" });
         write_seconds(row.time.unwrap_or_else(number), out);
