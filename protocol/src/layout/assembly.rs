@@ -121,7 +121,9 @@ impl Sequence {
     /// The sequence of these frames, if they have one.
     pub fn new(frames: &FrameSet) -> Sequence {
         let (modulus, step) = frames.sequence;
-        Sequence { slot: frames.slot(&Quantity::Sequence), modulus, step, last: None }
+        let is_carried =
+            |slot: &usize| frames.frames.iter().flat_map(|frame| &frame.fields).any(|field| field.slot == *slot);
+        Sequence { slot: frames.slot(&Quantity::Sequence).filter(is_carried), modulus, step, last: None }
     }
 
     /// Compares a sample with the one before; without a sequence each is the next. `intervals`, if known, is the time between the two: it
@@ -209,6 +211,15 @@ mod tests {
         assert_eq!(ordered.push(0, &[8, 0]), Assembled::Waiting);
         assert_eq!(ordered.push(1, &[9, 0]), Assembled::Complete);
         assert_eq!(ordered.push(1, &[9, 0]), Assembled::Orphan);
+    }
+
+    #[test]
+    fn a_link_without_the_sequence_of_another_has_none() {
+        let mut set = (*frames((256, 1))).clone();
+        set.frames.pop();
+        let mut sequence = Sequence::new(&set);
+        let steps = [0, 1].map(|_| sequence.step(&[0.0, 0.0, f64::NAN], None));
+        assert_eq!(steps, [SequenceStep::First, SequenceStep::Next]);
     }
 
     #[test]
