@@ -50,7 +50,9 @@ static inline double {{ prefix }}_number(uint64_t word, unsigned bits, {{ prefix
 typedef enum {
     {{ prefix | constant }}_CRC,
     {{ prefix | constant }}_SUM,
-    {{ prefix | constant }}_NEGATED_SUM,
+    {{ prefix | constant }}_SUM_U16BE,
+    {{ prefix | constant }}_SUM_U16LE,
+    {{ prefix | constant }}_FLETCHER,
     {{ prefix | constant }}_XOR
 } {{ prefix }}_kind;
 
@@ -58,7 +60,7 @@ typedef struct {
     {{ prefix }}_kind kind;
     unsigned width;
     uint64_t polynomial, initial, final_xor;
-    int reflects_input, reflects_output;
+    int reflects_input, reflects_output, is_negated;
 } {{ prefix }}_algorithm;
 
 static inline uint64_t {{ prefix }}_reflect(uint64_t word, unsigned bits)
@@ -69,12 +71,24 @@ static inline uint64_t {{ prefix }}_reflect(uint64_t word, unsigned bits)
     return reflected;
 }
 
-static inline uint64_t {{ prefix }}_update({{ prefix }}_algorithm algorithm, uint64_t value, uint8_t byte)
+static inline uint64_t {{ prefix }}_update({{ prefix }}_algorithm algorithm, uint64_t value, uint8_t byte, size_t count)
 {
-    if (algorithm.kind == {{ prefix | constant }}_XOR)
-        return value ^ byte;
-    if (algorithm.kind != {{ prefix | constant }}_CRC)
+    switch (algorithm.kind) {
+    case {{ prefix | constant }}_SUM:
         return value + byte;
+    case {{ prefix | constant }}_SUM_U16BE:
+        return value + ((uint64_t)byte << (count % 2 ? 0 : 8));
+    case {{ prefix | constant }}_SUM_U16LE:
+        return value + ((uint64_t)byte << (count % 2 ? 8 : 0));
+    case {{ prefix | constant }}_FLETCHER: {
+        const uint64_t first = ((value >> 8) + byte) & 0xFFu;
+        return first << 8 | ((value + first) & 0xFFu);
+    }
+    case {{ prefix | constant }}_XOR:
+        return value ^ byte;
+    case {{ prefix | constant }}_CRC:
+        break;
+    }
     if (algorithm.reflects_input)
         byte = (uint8_t){{ prefix }}_reflect(byte, 8);
     value ^= (uint64_t)byte << (algorithm.width - 8);
@@ -85,7 +99,7 @@ static inline uint64_t {{ prefix }}_update({{ prefix }}_algorithm algorithm, uin
 
 static inline uint64_t {{ prefix }}_finish({{ prefix }}_algorithm algorithm, uint64_t value)
 {
-    if (algorithm.kind == {{ prefix | constant }}_NEGATED_SUM)
+    if (algorithm.is_negated)
         return 0 - value;
     if (algorithm.kind == {{ prefix | constant }}_CRC && algorithm.reflects_output)
         value = {{ prefix }}_reflect(value, algorithm.width);
@@ -119,18 +133,18 @@ static inline {{ prefix }}_result {{ prefix }}_read_{{ f.name }}(const uint8_t *
             return {{ prefix | constant }}_WRONG_CONSTANT;
 {%- for c in f.checks %}
     {
-        const {{ prefix }}_algorithm algorithm = { {{ prefix | constant }}_{{ c.kind }}, {{ c.width }}u, {{ c.polynomial }}u, {{ c.initial }}u, {{ c.final_xor }}u, {% if c.reflects_input %}1{% else %}0{% endif %}, {% if c.reflects_output %}1{% else %}0{% endif %} };
+        const {{ prefix }}_algorithm algorithm = { {{ prefix | constant }}_{{ c.kind }}, {{ c.width }}u, {{ c.polynomial }}u, {{ c.initial }}u, {{ c.final_xor }}u, {% if c.reflects_input %}1{% else %}0{% endif %}, {% if c.reflects_output %}1{% else %}0{% endif %}, {% if c.is_negated %}1{% else %}0{% endif %} };
         uint64_t value = algorithm.initial;
         size_t covered = 0;
         for (size_t at = {{ c.from }}; at < {{ c.to }}; at++)
             if ((size_t)(at - {{ c.at }}) >= {{ c.length }}) {
-                value = {{ prefix }}_update(algorithm, value, bytes[at]);
+                value = {{ prefix }}_update(algorithm, value, bytes[at], covered);
                 covered++;
             }
         for (; covered % {{ c.pad_to }}; covered++)
-            value = {{ prefix }}_update(algorithm, value, 0);
+            value = {{ prefix }}_update(algorithm, value, 0, covered);
 {%- for b in c.suffix %}
-        value = {{ prefix }}_update(algorithm, value, {{ b }});
+        value = {{ prefix }}_update(algorithm, value, {{ b }}, covered++);
 {%- endfor %}
         value = {{ prefix }}_finish(algorithm, value) & (UINT64_MAX >> (64 - {{ c.bits }}));
         if (value != {{ prefix }}_bits(bytes + {{ c.at }}, {{ c.length }}, {% if c.is_little_endian %}1{% else %}0{% endif %}, {{ c.shift }}, {{ c.bits }}))

@@ -35,7 +35,7 @@ table.insert({% if link.is_can %}can_frames{% else %}serial_frames{% endif %}, {
 {%- for c in f.checks %}
         { kind = "{{ c.kind }}", at = {{ c.at }}, length = {{ c.length }}, little = {% if c.is_little_endian %}true{% else %}false{% endif %}, shift = {{ c.shift }}, bits = {{ c.bits }}, from = {{ c.from }}, to = {{ c.to }}, pad_to = {{ c.pad_to }},
           suffix = { {{ c.suffix_list }} }, width = {{ c.width }}, polynomial = {{ c.polynomial }}, initial = {{ c.initial }}, final_xor = {{ c.final_xor }},
-          reflects_input = {% if c.reflects_input %}true{% else %}false{% endif %}, reflects_output = {% if c.reflects_output %}true{% else %}false{% endif %} },
+          reflects_input = {% if c.reflects_input %}true{% else %}false{% endif %}, reflects_output = {% if c.reflects_output %}true{% else %}false{% endif %}, negated = {% if c.is_negated %}true{% else %}false{% endif %} },
 {%- endfor %}
     },
 })
@@ -77,9 +77,15 @@ local function xor(one, other)
     return result < 0 and result + 2 ^ 32 or result
 end
 
-local function update(check, value, byte)
+local function update(check, value, byte, count)
     if check.kind == "XOR" then return xor(value, byte) end
-    if check.kind ~= "CRC" then return value + byte end
+    if check.kind == "SUM" then return value + byte end
+    if check.kind == "SUM_U16BE" then return value + byte * (count % 2 == 0 and 256 or 1) end
+    if check.kind == "SUM_U16LE" then return value + byte * (count % 2 == 0 and 1 or 256) end
+    if check.kind == "FLETCHER" then
+        local first = (math.floor(value / 256) + byte) % 256
+        return first * 256 + (value % 256 + first) % 256
+    end
     if check.reflects_input then byte = reflected(byte, 8) end
     value = xor(value, byte * 2 ^ (check.width - 8))
     for _ = 1, 8 do
@@ -94,14 +100,16 @@ local function is_good(check, bytes)
     local value, covered = check.initial, 0
     for at = check.from, check.to - 1 do
         if at < check.at or at >= check.at + check.length then
-            value, covered = update(check, value, bytes:get_index(at)), covered + 1
+            value, covered = update(check, value, bytes:get_index(at), covered), covered + 1
         end
     end
     while covered % check.pad_to > 0 do
-        value, covered = update(check, value, 0), covered + 1
+        value, covered = update(check, value, 0, covered), covered + 1
     end
-    for _, byte in ipairs(check.suffix) do value = update(check, value, byte) end
-    if check.kind == "NEGATED_SUM" then value = -value end
+    for _, byte in ipairs(check.suffix) do
+        value, covered = update(check, value, byte, covered), covered + 1
+    end
+    if check.negated then value = -value end
     if check.kind == "CRC" then
         if check.reflects_output then value = reflected(value, check.width) end
         value = xor(value, check.final_xor)

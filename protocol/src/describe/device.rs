@@ -94,5 +94,6 @@ fn check(check: &Check, frame: &Frame) -> Value {
     suffix: check.suffix.iter().map(|byte| u32::from(*byte)).collect::<Value>(), suffix_list: check.suffix.iter().map(u8::to_string).collect::<Vec<_>>().join(", "),
     width: crc.width, polynomial: hex(crc.polynomial), initial: hex(crc.initial), reflects_input: crc.reflects_input,
     reflects_output: crc.reflects_output, final_xor: hex(crc.final_xor),
-    kind: if crc.width > 0 { "CRC".to_owned() } else { check.name.to_uppercase().replace('-', "_") } }
+    is_negated: check.name.starts_with("negated-"),
+    kind: if crc.width > 0 { "CRC".to_owned() } else { check.name.trim_start_matches("negated-").to_uppercase().replace('-', "_") } }
 }

@@ -14,12 +14,39 @@ enum Engine {
     Crc8(Crc<u8, Table<16>>),
     Crc16(Crc<u16, Table<16>>),
     Crc32(Crc<u32, Table<16>>),
-    /// Sum of the bytes, modulo the field's width.
-    Sum,
-    /// The sum's two's complement, so that all bytes together add up to 0.
-    NegatedSum,
-    /// Exclusive-or of the bytes.
+    /// A sum; true for its two's complement.
+    Sum(Sum, bool),
+}
+
+/// Sums and exclusive-ors; their names are in [`SUMS`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Sum {
+    /// Of bytes, modulo the field's width.
+    Bytes,
+    /// Of words of 16 bits.
+    BigEndian,
+    LittleEndian,
+    /// Of bytes in the first byte, of these sums in the second, as u-blox and MicroStrain send it.
+    Fletcher,
     Xor,
+}
+
+impl Sum {
+    /// The sum with the next byte, of which there were `count` before.
+    #[inline]
+    fn with(self, sum: u64, byte: u8, count: usize) -> u64 {
+        let byte = u64::from(byte);
+        match self {
+            Sum::Bytes => sum.wrapping_add(byte),
+            Sum::BigEndian => sum.wrapping_add(byte << (8 * (1 - count % 2))),
+            Sum::LittleEndian => sum.wrapping_add(byte << (8 * (count % 2))),
+            Sum::Fletcher => {
+                let first = ((sum >> 8) + byte) & 0xFF;
+                first << 8 | (sum + first) & 0xFF
+            }
+            Sum::Xor => sum ^ byte,
+        }
+    }
 }
 
 /// Makes a list of the names and constructors of CRC algorithms: `CRC_16_XMODEM` is `CRC-16/XMODEM`.
@@ -44,9 +71,17 @@ catalogue! {
         CRC_32_ISO_HDLC CRC_32_JAMCRC CRC_32_MEF CRC_32_MPEG_2 CRC_32_XFER;
 }
 
-/// Names of sums, with their engines.
-const SUMS: [(&str, fn() -> Engine); 3] =
-    [("sum", || Engine::Sum), ("negated-sum", || Engine::NegatedSum), ("xor", || Engine::Xor)];
+/// Names of sums; true for the two's complement, with which all words add up to 0.
+const SUMS: [(&str, Sum, bool); 8] = [
+    ("sum", Sum::Bytes, false),
+    ("negated-sum", Sum::Bytes, true),
+    ("sum-u16be", Sum::BigEndian, false),
+    ("negated-sum-u16be", Sum::BigEndian, true),
+    ("sum-u16le", Sum::LittleEndian, false),
+    ("negated-sum-u16le", Sum::LittleEndian, true),
+    ("fletcher", Sum::Fletcher, false),
+    ("xor", Sum::Xor, false),
+];
 
 /// A name of the catalogue: width after a hyphen, the rest after a slash.
 fn catalogue_name(algorithm: &str) -> String {
@@ -55,10 +90,14 @@ fn catalogue_name(algorithm: &str) -> String {
     format!("{kind}-{width}/{}", rest.replace('_', "-"))
 }
 
+/// Names of the sums.
+pub fn sum_names() -> Vec<String> {
+    SUMS.iter().map(|(name, ..)| (*name).to_owned()).collect()
+}
+
 /// Names of all check algorithms.
 pub fn check_names() -> Vec<String> {
-    let sums = SUMS.iter().map(|(name, _)| (*name).to_owned());
-    sums.chain(CATALOGUE.iter().map(|(algorithm, _)| catalogue_name(algorithm))).collect()
+    sum_names().into_iter().chain(CATALOGUE.iter().map(|(algorithm, _)| catalogue_name(algorithm))).collect()
 }
 
 /// Parameters of a CRC, as the catalogue has them.
@@ -95,9 +134,10 @@ impl Debug for Check {
 impl Check {
     /// The check of that name; `None` for an unknown name.
     pub fn new(name: &str, place: BitField, covers: Range<usize>) -> Option<Check> {
-        let crc = CATALOGUE.iter().find(|(algorithm, _)| catalogue_name(algorithm) == name);
-        let (_, engine) = crc.or_else(|| SUMS.iter().find(|(sum, _)| *sum == name))?;
-        Some(Check { name: name.to_owned(), engine: Arc::new(engine()), place, covers, pad_to: 1, suffix: Vec::new() })
+        let crc = CATALOGUE.iter().find(|(algorithm, _)| catalogue_name(algorithm) == name).map(|(_, new)| new());
+        let sum = || SUMS.iter().find(|(sum, ..)| *sum == name).map(|(_, sum, negated)| Engine::Sum(*sum, *negated));
+        let engine = crc.or_else(sum)?;
+        Some(Check { name: name.to_owned(), engine: Arc::new(engine), place, covers, pad_to: 1, suffix: Vec::new() })
     }
 
     /// Algorithm and covered bytes of a frame of this length, in words.
@@ -136,7 +176,7 @@ impl Check {
             Engine::Crc8(crc) => parameters!(crc),
             Engine::Crc16(crc) => parameters!(crc),
             Engine::Crc32(crc) => parameters!(crc),
-            Engine::Sum | Engine::NegatedSum | Engine::Xor => None,
+            Engine::Sum(..) => None,
         }
     }
 
@@ -155,8 +195,6 @@ impl Check {
     #[inline]
     pub fn value(&self, bytes: &[u8]) -> u64 {
         let parts = self.parts(bytes);
-        let all = || parts.iter().flat_map(|part| part.iter());
-        let sum = || all().fold(0u64, |sum, byte| sum + u64::from(*byte));
         macro_rules! digest {
             ($crc:expr) => {{
                 let mut digest = $crc.digest();
@@ -168,9 +206,11 @@ impl Check {
             Engine::Crc8(crc) => digest!(crc),
             Engine::Crc16(crc) => digest!(crc),
             Engine::Crc32(crc) => digest!(crc),
-            Engine::Sum => sum(),
-            Engine::NegatedSum => sum().wrapping_neg(),
-            Engine::Xor => all().fold(0, |xor, byte| xor ^ u64::from(*byte)),
+            Engine::Sum(sum, is_negated) => {
+                let bytes = parts.iter().flat_map(|part| part.iter()).enumerate();
+                let value = bytes.fold(0, |value, (count, byte)| sum.with(value, *byte, count));
+                if *is_negated { value.wrapping_neg() } else { value }
+            }
         }
     }
 
@@ -213,6 +253,11 @@ mod tests {
             ("CRC-32/ISO-HDLC", "u32le", 0xCBF4_3926),
             ("xor", "u8", 0x31),
             ("sum", "u16be", 0x1DD),
+            // By hand: 3132 + 3334 + 3536 + 3738 + 3900, and with the bytes of each word exchanged.
+            ("sum-u16be", "u16be", 0x3132 + 0x3334 + 0x3536 + 0x3738 + 0x3900),
+            ("sum-u16le", "u16le", 0x3231 + 0x3433 + 0x3635 + 0x3837 + 0x0039),
+            // The algorithm of u-blox, by hand in Python.
+            ("fletcher", "u16be", 0xDD15),
         ] {
             assert_eq!(check(name, number, 9, 0..9).value(b"123456789"), expected, "{name}");
         }

@@ -27,7 +27,7 @@ mod framing;
 mod number;
 
 pub use assembly::{Assembled, Assembly, Sequence};
-pub use check::{Check, CrcParameters, check_names};
+pub use check::{Check, CrcParameters, check_names, sum_names};
 pub use dbc::{Database, DatabaseMessage, DatabaseSignal, SignalRole};
 pub use frame::{Field, Frame};
 pub use framing::SerialFrames;

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use geu_protocol::hex::read_hex;
-use geu_protocol::layout::{Assembly, BitField, Check, Coding, Frame, FrameSet, Number, check_names};
+use geu_protocol::layout::{Assembly, BitField, Check, Coding, Field, Frame, FrameSet, Number, check_names, sum_names};
 use geu_protocol::serial::{BITS_PER_BYTE, DEFAULT_BAUD};
 use geu_protocol::suggestion::did_you_mean;
 
@@ -11,6 +11,9 @@ use super::fields::{Fields, Given, is_identifier};
 use super::{Device, positive};
 use crate::configuration::{ConfigurationError, Node};
 use crate::parameter_spec::ValueFormat;
+
+/// A field without scale and offset.
+const PLAIN: Given = Given { scale: 1.0, offset: 0.0, unit: "" };
 
 /// Longest frame, byte.
 const MAX_FRAME: usize = 1024;
@@ -131,7 +134,7 @@ fn length_of(node: &Node) -> Result<usize, ConfigurationError> {
 /// Adds a field at a byte.
 fn add(node: &Node, at: usize, frame: &mut Frame, fields: &mut Fields) -> Result<(), ConfigurationError> {
     let has = |key: &str| node.keys().contains(&key);
-    let kinds = ["constant", "ignored", "head", "value", "bits", "crc"];
+    let kinds = ["constant", "ignored", "head", "value", "bits", "parts", "crc"];
     match kinds.iter().filter(|kind| has(kind)).count() {
         1 => {}
         got => {
@@ -157,9 +160,43 @@ fn add(node: &Node, at: usize, frame: &mut Frame, fields: &mut Fields) -> Result
         if let Some(bits) = node.table("bits")? {
             frame.fields.extend(fields.bits(&bits, word)?);
         }
+    } else if has("parts") {
+        node.only(&["parts", "type"])?;
+        let word = BitField::bytes(at, number(node)?);
+        for part in node.tables("parts")? {
+            if let Some(bits) = part.table("bits")? {
+                part.only(&["bits"])?;
+                frame.fields.extend(fields.bits(&bits, word)?);
+                continue;
+            }
+            let whole = |key: &str, max: u32| match part.whole_number(key)? {
+                Some(value) if value <= u64::from(max) => Ok(value as u32),
+                _ => Err(part.unexpected(key, &format!("a whole number up to {max}"))),
+            };
+            let first = whole("first", word.bits - 1)?;
+            let length = whole("length", word.bits - first)?;
+            if length == 0 {
+                return Err(part.unexpected("length", "a number of bits"));
+            }
+            let is_signed = part.value("signed", ValueFormat::Flag, 0.0, 1.0)? == Some(1.0);
+            let mut place = word.bits_of(first, length);
+            if is_signed {
+                place.coding = Coding::Signed;
+            }
+            frame.fields.push(fields.field(&part, place, &PLAIN, &["first", "length", "signed"])?);
+        }
+        let used = |field: &Field| field.place.used(frame.length());
+        let overlap =
+            |(one, other): (&Field, &Field)| used(one).iter().zip(used(other)).any(|(one, other)| one & other != 0);
+        let all = &frame.fields;
+        if (1..all.len()).any(|index| all[..index].iter().any(|other| overlap((&all[index], other)))) {
+            return Err(
+                node.error("parts", "expected parts with bits of their own, got two that share a bit".to_owned())
+            );
+        }
     } else {
         let place = BitField::bytes(at, number(node)?);
-        frame.fields.push(fields.field(node, place, &Given { scale: 1.0, offset: 0.0, unit: "" }, &["type"])?);
+        frame.fields.push(fields.field(node, place, &PLAIN, &["type"])?);
     }
     Ok(())
 }
@@ -180,11 +217,10 @@ pub(super) fn check(node: &Node, place: BitField, length: usize) -> Result<Check
     let from = whole("from", 0, to)?;
     let name = node.text("crc")?;
     let mut check = Check::new(name, place, from..to).ok_or_else(|| {
-        let hint = did_you_mean(name, check_names());
-        let message = format!(
-            "{hint}expected sum, negated-sum, xor or a name of the CRC catalogue such as CRC-16/XMODEM, got {name}"
-        );
-        node.error("crc", message)
+        let (hint, sums) = (did_you_mean(name, check_names()), sum_names());
+        let sums = sums.join(", ");
+        let expected = format!("a name of the CRC catalogue such as CRC-16/XMODEM, or a sum ({sums})");
+        node.error("crc", format!("{hint}expected {expected}, got {name}"))
     })?;
     if place.coding != Coding::Unsigned || (check.width() > 0 && check.width() != place.bits) {
         let width = if check.width() > 0 { format!("{} bits", check.width()) } else { "any bits".to_owned() };

@@ -219,6 +219,21 @@ fn errors_of_a_description_say_what_was_expected() {
             "the modulus of the other field",
         ),
         ("type = \"u16be\" },\n]", "type = \"u16be\", to = 2 },\n]", "does not cover every field"),
+        (
+            "value = \"sequence\", type = \"u8\"",
+            "parts = [{ value = \"sequence\", first = 0, length = 9 }], type = \"u8\"",
+            "up to 8",
+        ),
+        (
+            "value = \"sequence\", type = \"u8\"",
+            "parts = [{ value = \"sequence\", first = 6, length = 0 }], type = \"u8\"",
+            "a number of bits",
+        ),
+        (
+            "value = \"sequence\", type = \"u8\"",
+            "parts = [{ value = \"sequence\", first = 0, length = 3 }, { bits = { busy = 2 } }], type = \"u8\"",
+            "two that share a bit",
+        ),
         ("type = \"u16be\" },\n]", "type = \"u16be\", signal = \"x\" },\n]", "unknown key `signal`"),
         (
             "type = \"u16be\" },\n]\n",
@@ -278,6 +293,19 @@ fn a_can_unit_has_its_signals_from_a_database() {
             parse(&can(rate).replace("\"t.dbc", &format!("\"{file}.dbc"))).map(|_| ()).expect_err(file).to_string();
         assert!(error.contains(part) && error.len() < 1000, "{part:?} not in {error}");
     }
+}
+
+#[test]
+fn parts_of_a_word_and_sums_of_words_are_as_described() {
+    let text = TEXT
+        .replace("value = \"sequence\", type = \"u8\"", "parts = [{ value = \"sequence\", first = 0, length = 3 }, \
+                 { head = \"X\", of = \"temperature\", first = 3, length = 4, signed = true }, { bits = { X_valid = 7 } }], type = \"u8\"")
+        .replace("CRC-16/XMODEM", "sum-u16le");
+    let frames = parse(&text).unwrap().serial.unwrap().frames;
+    // 01A5 + ED02 = EEA7.
+    let values = read(&frames, 0, &[0xA5, 0x01, 0x02, 0b1110_1101, 0xEE, 0xA7]);
+    assert!(frames.sequence == (8, 1) && value(&values, "sequence") == 5.0, "{values:?}");
+    assert_eq!([value(&values, "X_temperature_c"), value(&values, "X_valid")], [-3.0, 1.0]);
 }
 
 #[test]
