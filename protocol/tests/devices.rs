@@ -17,6 +17,41 @@ fn links(device: &Device) -> impl Iterator<Item = (bool, &FrameSet)> {
     serial.chain(device.can.iter().map(|can| (true, &*can.frames)))
 }
 
+/// The known units, and a unit with a frame for each sum and some CRCs with reflection, padding and suffix.
+fn units() -> Vec<(String, Device)> {
+    let checks = [
+        ("sum", "u16be"),
+        ("negated-sum", "u8"),
+        ("sum-u16be", "u16le"),
+        ("negated-sum-u16le", "u16be"),
+        ("fletcher", "u16be"),
+        ("xor", "u8"),
+        ("CRC-16/TMS37157", "u16le"),
+        ("CRC-8/MAXIM-DOW", "u8"),
+        ("CRC-24/BLE", "u24be"),
+        ("CRC-32/ISO-HDLC", "u32le"),
+        ("CRC-32/BZIP2", "u32be"),
+    ];
+    let frames = checks.iter().enumerate().map(|(index, (check, number))| {
+        let (every, carried) = match index {
+            0 => (1, "head = \"X\", type = \"i24le\", unit = \"deg\", scale = 1e-4"),
+            _ => (20, "value = \"sensor\", type = \"f64le\""),
+        };
+        format!(
+            "[[device.serial.frame]]\nname = \"F{index}\"\nevery = {every}\nfields = [{{ constant = \"C3 {index:02X}\" }}, \
+             {{ {carried} }}, {{ crc = \"{check}\", type = \"{number}\", pad_to = {}, suffix = \"A1 B2\" }}, {{ ignored = \"07\" }}]\n",
+            1 + index % 4
+        )
+    });
+    let text = "[device]\nname = \"sums\"\nsource = \"none\"\ninterval_s = 1.0\noutput = \"increment\"\nrange_arcsec_s = 36.0\n\
+                [[device.head]]\nname = \"X\"\ninput = [1, 0, 0]\n[device.serial]\n";
+    let text = text.to_owned() + &frames.collect::<String>();
+    let sums =
+        Device::parse("sums.toml", &text, &|_| Err("no file".to_owned())).unwrap_or_else(|error| panic!("{error}"));
+    let known = DEVICES.iter().map(|(name, _)| ((*name).to_owned(), Device::from_name(name).unwrap()));
+    known.chain([("sums".to_owned(), sums)]).collect()
+}
+
 fn prefix(name: &str) -> String {
     format!("unit_{}", name.replace(['-', '.'], "_"))
 }
@@ -50,8 +85,8 @@ const SEEDS: std::ops::Range<u64> = 0..40;
 #[test]
 fn c_programs_read_the_values_that_the_layout_reads_and_refuse_corrupted_frames() {
     let directory = tempfile::tempdir().unwrap();
-    for (name, _) in DEVICES {
-        let (device, prefix) = (Device::from_name(name).unwrap(), prefix(name));
+    for (name, device) in units() {
+        let prefix = prefix(&name);
         std::fs::write(directory.path().join("unit.h"), device.wire(&prefix).header()).unwrap();
         for (_, set) in links(&device) {
             for frame in &set.frames {
@@ -65,7 +100,7 @@ fn c_programs_read_the_values_that_the_layout_reads_and_refuse_corrupted_frames(
                             .iter()
                             .for_each(|(name, value)| _ = writeln!(expected, "{name} {value:.17e}"));
                     } else {
-                        let bit = seed as usize * 5 % (8 * bytes.len());
+                        let bit = seed as usize * 5 % (8 * frame.checks[0].place.end());
                         bytes[bit / 8] ^= 1 << (bit % 8);
                         _ = writeln!(expected, "refused");
                     }
@@ -120,8 +155,8 @@ fn c_programs_read_the_values_that_the_layout_reads_and_refuse_corrupted_frames(
 #[test]
 fn tshark_reads_the_values_that_the_layout_reads() {
     let directory = tempfile::tempdir().unwrap();
-    for (name, _) in DEVICES {
-        let (device, prefix) = (Device::from_name(name).unwrap(), prefix(name));
+    for (name, device) in units() {
+        let prefix = prefix(&name);
         let dissector = directory.path().join(format!("{prefix}.lua"));
         std::fs::write(&dissector, device.wire(&prefix).dissector()).unwrap();
         for (is_can, set) in links(&device) {

@@ -21,12 +21,12 @@ enum Engine {
 /// Sums and exclusive-ors; their names are in [`SUMS`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Sum {
-    /// Of bytes, modulo the field's width.
+    /// Sum of bytes, modulo the field's width.
     Bytes,
-    /// Of words of 16 bits.
+    /// Sum of words of 16 bits.
     BigEndian,
     LittleEndian,
-    /// Of bytes in the first byte, of these sums in the second, as u-blox and MicroStrain send it.
+    /// Sum of bytes in the first byte, sum of these sums in the second, as u-blox and MicroStrain send it.
     Fletcher,
     Xor,
 }
