@@ -8,7 +8,7 @@ use crate::continuity::SequenceStep;
 /// Puts the values of frames together: a sample is complete when every frame that is sent with each sample has come.
 ///
 /// Frames with the same number of the sequence make a sample. Where not all of them have the sequence, the first one listed begins a
-/// sample. A frame that is sent less often comes before the others of its sample.
+/// sample. A frame that is sent less often comes before the others of its sample. A frame may come instead of another.
 #[derive(Debug, Clone)]
 pub struct Assembly {
     frames: Arc<FrameSet>,
@@ -45,10 +45,11 @@ impl Assembly {
             let all = frames.frames.iter().take(Assembly::MAX_FRAMES).enumerate();
             all.filter(|(_, frame)| wanted(frame)).map(|(index, _)| 1u64 << index).sum::<u64>()
         };
-        let every = bits(&|frame| frame.every == 1);
+        let every = bits(&|frame| frame.every == 1 && frame.instead_of.is_none());
         let slot = frames.slot(&Quantity::Sequence);
         let sequence = slot.map(|slot| (slot, bits(&|frame| frame.fields.iter().any(|field| field.slot == slot))));
-        let is_common = sequence.is_some_and(|(_, own)| own & every == every);
+        let sent = bits(&|frame| frame.every == 1);
+        let is_common = sequence.is_some_and(|(_, own)| own & sent == sent);
         Assembly {
             values: vec![f64::NAN; frames.values.len()],
             frames,
@@ -82,7 +83,8 @@ impl Assembly {
     /// Reads a frame of this number; its check holds.
     #[inline]
     pub fn push(&mut self, kind: usize, bytes: &[u8]) -> Assembled {
-        let bit = 1u64 << kind;
+        let place = self.frames.frames[kind].instead_of.unwrap_or(kind);
+        let bit = 1u64 << place;
         let is_complete = self.is_complete();
         let is_other = || match (self.number(kind, bytes), self.sequence) {
             (Some(number), Some((slot, _))) => !self.values[slot].is_nan() && self.values[slot] != number,
@@ -94,7 +96,7 @@ impl Assembly {
             self.seen = 0;
             self.values.fill(f64::NAN);
         }
-        let is_orphan = self.first.is_some_and(|first| kind != first && self.seen & 1 << first == 0);
+        let is_orphan = self.first.is_some_and(|first| place != first && self.seen & 1 << first == 0);
         if is_orphan && bit & self.every != 0 {
             return Assembled::Orphan;
         }
@@ -211,6 +213,22 @@ mod tests {
         assert_eq!(ordered.push(0, &[8, 0]), Assembled::Waiting);
         assert_eq!(ordered.push(1, &[9, 0]), Assembled::Complete);
         assert_eq!(ordered.push(1, &[9, 0]), Assembled::Orphan);
+    }
+
+    #[test]
+    fn a_frame_may_come_instead_of_another() {
+        let mut set = (*frames((256, 1))).clone();
+        let mut other = set.frames[1].clone();
+        other.instead_of = Some(1);
+        set.frames.push(other);
+        let mut assembly = Assembly::new(Arc::new(set));
+        for kind in [1, 3, 1] {
+            assert_eq!(assembly.push(kind, &[kind as u8]), Assembled::Waiting);
+            assert_eq!(assembly.push(2, &[5]), Assembled::Complete);
+            assert_eq!(assembly.values()[1..], [kind as f64, 5.0]);
+        }
+        assert_eq!(assembly.push(1, &[8]), Assembled::Waiting);
+        assert_eq!(assembly.push(3, &[9]), Assembled::Restarted);
     }
 
     #[test]

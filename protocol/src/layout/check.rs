@@ -253,10 +253,10 @@ mod tests {
             ("CRC-32/ISO-HDLC", "u32le", 0xCBF4_3926),
             ("xor", "u8", 0x31),
             ("sum", "u16be", 0x1DD),
-            // By hand: 3132 + 3334 + 3536 + 3738 + 3900, and with the bytes of each word exchanged.
+            // 3132 + 3334 + 3536 + 3738 + 3900, and with the bytes of each word exchanged.
             ("sum-u16be", "u16be", 0x3132 + 0x3334 + 0x3536 + 0x3738 + 0x3900),
             ("sum-u16le", "u16le", 0x3231 + 0x3433 + 0x3635 + 0x3837 + 0x0039),
-            // The algorithm of u-blox, by hand in Python.
+            // The algorithm of u-blox, computed in Python.
             ("fletcher", "u16be", 0xDD15),
         ] {
             assert_eq!(check(name, number, 9, 0..9).value(b"123456789"), expected, "{name}");

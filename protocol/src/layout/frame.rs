@@ -80,6 +80,8 @@ pub struct Frame {
     pub id: Option<(u32, bool)>,
     /// Number of samples from one such frame to the next.
     pub every: u32,
+    /// Place of the frame in the list that this one comes instead of.
+    pub instead_of: Option<usize>,
     /// Bytes before the fields are written: constants, and values of what this product does not carry.
     template: Vec<u8>,
     /// Bits of the template that a frame must have.
@@ -95,6 +97,7 @@ impl Frame {
             name: name.to_owned(),
             id: None,
             every: 1,
+            instead_of: None,
             template: vec![0; length],
             required: vec![0; length],
             fields: Vec::new(),

@@ -44,7 +44,7 @@ pub struct Fields<'a> {
     pub device: &'a Device,
     pub set: FrameSet,
     /// Slots of the outputs that this link carries.
-    outputs: Vec<usize>,
+    pub outputs: Vec<usize>,
 }
 
 /// Scale and offset of a field without its own, and its unit in a database.
@@ -204,6 +204,15 @@ impl<'a> Fields<'a> {
     /// # Errors
     /// Such a link; the error points at `key`.
     pub fn check(&self, node: &Node, key: &str) -> Result<(), ConfigurationError> {
+        let slots = |frame: &Frame| frame.fields.iter().map(|field| field.slot).collect::<Vec<_>>();
+        for frame in &self.set.frames {
+            let (own, other) = (slots(frame), frame.instead_of.map(|other| &self.set.frames[other]));
+            if let Some(other) = other.filter(|other| slots(other).iter().any(|slot| !own.contains(slot))) {
+                let (name, other) = (&frame.name, &other.name);
+                let message = format!("expected all values of {other} in {name}, which comes instead of it, got fewer");
+                return Err(node.error(key, message));
+            }
+        }
         let frames = self.set.frames.iter().filter(|frame| frame.every == 1);
         let carried: Vec<usize> = frames.flat_map(|frame| &frame.fields).map(|field| field.slot).collect();
         let has = |quantity: Quantity| self.set.slot(&quantity).is_some_and(|slot| carried.contains(&slot));

@@ -81,6 +81,7 @@ macro_rules! devices {
 devices! {
     "kvh-1750" [];
     "mm5.10" ["mm5.10.dbc"];
+    "mti-100" [];
     "openimu300ri" ["openimu300ri.dbc"];
     "stim300" [];
     "stim300-increment" [];

@@ -40,7 +40,9 @@ impl SerialWire {
         let nodes = node.tables("frame")?;
         for node in &nodes {
             let (frame, unchecked) = frame(node, &mut fields)?;
-            line_s += frame.length() as f64 * f64::from(BITS_PER_BYTE) / f64::from(baud) / f64::from(frame.every);
+            let sent = if frame.instead_of.is_some() { 0.0 } else { 1.0 };
+            line_s +=
+                sent * frame.length() as f64 * f64::from(BITS_PER_BYTE) / f64::from(baud) / f64::from(frame.every);
             is_unchecked |= unchecked;
             fields.set.frames.push(frame);
         }
@@ -67,7 +69,7 @@ impl SerialWire {
 
 /// A frame, and true if its constants or checks are not enough to find it.
 fn frame(node: &Node, fields: &mut Fields) -> Result<(Frame, bool), ConfigurationError> {
-    node.only(&["name", "every", "fields", "unchecked"])?;
+    node.only(&["name", "every", "instead_of", "fields", "unchecked"])?;
     let own = node.tables("fields")?;
     let mut places = Vec::new();
     let mut length = 0;
@@ -88,6 +90,16 @@ fn frame(node: &Node, fields: &mut Fields) -> Result<(Frame, bool), Configuratio
         Some(every @ 1..=1_000_000) => every as u32,
         Some(_) => return Err(node.unexpected("every", "a whole number from 1 to 1000000")),
     };
+    if node.keys().contains(&"instead_of") {
+        let name = node.text("instead_of")?;
+        let other = fields.set.frames.iter().position(|frame| frame.name == name && frame.every == 1);
+        frame.instead_of =
+            Some(other.ok_or_else(|| node.unexpected("instead_of", "an earlier frame of every sample"))?);
+        if frame.every != 1 {
+            return Err(node.error("every", "expected no `every` in a frame that comes instead of another".to_owned()));
+        }
+        fields.outputs.clear();
+    }
     for (field, at) in own.iter().zip(places) {
         add(field, at, &mut frame, fields)?;
     }

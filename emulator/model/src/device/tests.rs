@@ -309,6 +309,27 @@ fn parts_of_a_word_and_sums_of_words_are_as_described() {
 }
 
 #[test]
+fn a_frame_instead_of_another_has_all_its_values() {
+    let end = "  { crc = \"CRC-16/XMODEM\", type = \"u16be\" },\n]\n";
+    let other = |fields: &str| {
+        format!(
+            "{TEXT}[[device.serial.frame]]\nname = \"LONG\"\ninstead_of = \"DATA\"\nfields = [{{ constant = \"A6\" }}, {fields}{end}"
+        )
+    };
+    let rate = "{ head = \"X\", type = \"i32be\", unit = \"deg/s\", scale = 1e-6 },";
+    let frames =
+        parse(&other(&format!("{rate} {{ value = \"sequence\", type = \"u8\" }},\n"))).unwrap().serial.unwrap().frames;
+    assert_eq!(frames.frames[1].instead_of, Some(0));
+    for (text, part) in [
+        (other(rate), "expected all values of DATA in LONG"),
+        (other(rate).replace("instead_of = \"DATA\"", "instead_of = \"DAT\""), "an earlier frame"),
+    ] {
+        let error = parse(&text).map(|_| ()).expect_err(part).to_string();
+        assert!(error.contains(part), "{part:?} not in {error}");
+    }
+}
+
+#[test]
 fn plain_signals_and_checks_of_a_multiplexed_message_are_in_each_of_its_frames() {
     let serial = TEXT.find("[device.serial]").unwrap();
     let text = format!(
