@@ -131,9 +131,16 @@ impl Sequence {
     /// Compares a sample with the one before; without a sequence each is the next. `intervals`, if known, is the time between the two: it
     /// decides how often the sequence began anew.
     pub fn step(&mut self, values: &[f64], intervals: Option<f64>) -> SequenceStep {
-        let number = self.slot.map_or(0, |slot| values[slot] as u64 % self.modulus);
+        let number = self.slot.map_or(0, |slot| values[slot] as u64);
+        let number = if number < self.modulus { number } else { number % self.modulus };
         let Some(last) = self.last.replace(number) else { return SequenceStep::First };
         if self.slot.is_none() {
+            return SequenceStep::Next;
+        }
+        // The usual step, without divisions.
+        let next = last + self.step;
+        let next = if next >= self.modulus { next - self.modulus } else { next };
+        if number == next && intervals.is_none_or(|intervals| intervals * 2.0 < (self.modulus / self.step) as f64) {
             return SequenceStep::Next;
         }
         let ahead = (number + self.modulus - last) % self.modulus;

@@ -54,7 +54,10 @@ impl Field {
     /// The value in a frame.
     #[inline]
     pub fn read(&self, bytes: &[u8]) -> f64 {
-        self.place.read(bytes) * self.scale / self.divisor + self.offset
+        let number = self.place.read(bytes);
+        // A division takes longer than all the rest.
+        let scaled = if self.divisor == 1.0 { number * self.scale } else { number / self.divisor };
+        scaled + self.offset
     }
 
     #[inline]
