@@ -146,7 +146,8 @@ fn messages_of_a_can_unit_make_samples_on_the_interface_that_has_them() {
     // The roll rate of a sample: the number, and its text.
     let roll = |sample: u32| (0x8000 + 200 * (sample % 50) as u16, format!("{}", sample % 50));
     let mut text = String::new();
-    for sample in 0..1000u32 {
+    // Twenty samples more are missing than the counter of 16 shows.
+    for sample in (0..1000u32).filter(|sample| !(700..720).contains(sample)) {
         let t_s = 1_700_000_000.0 + f64::from(sample) * 0.01;
         let status = if sample % 50 == 3 { 2 } else { 0 };
         let (first, second) = (message(0x174, yaw(sample), status, sample), message(0x178, roll(sample).0, 0, sample));
@@ -167,7 +168,8 @@ fn messages_of_a_can_unit_make_samples_on_the_interface_that_has_them() {
     }
     fs::write(&file, &text).expect("a file");
     let (rows, header, summary) = decode("mm5.10", &file);
-    let expected: Vec<u32> = (0..1000).filter(|sample| ![200, 300, 400, 600].contains(sample)).collect();
+    let expected: Vec<u32> =
+        (0..1000).filter(|sample| ![200, 300, 400, 600].contains(sample) && !(700..720).contains(sample)).collect();
     assert_eq!(rows.len(), expected.len(), "{summary}");
     let [z, valid, number] = ["Z_deg_s", "Z_valid", "number"].map(|name| column(&header, name));
     let second = column(&header, "X_deg_s");
@@ -182,9 +184,9 @@ fn messages_of_a_can_unit_make_samples_on_the_interface_that_has_them() {
         ("defect-incomplete-sample", "4"),
         ("defect-check-mismatch", "1"),
         ("defect-wrong-length", "1"),
-        ("samples-lost", "4"),
-        ("records-other-traffic", "999"),
-        ("records-other-interface", "1000"),
+        ("samples-lost", "24"),
+        ("records-other-traffic", "979"),
+        ("records-other-interface", "980"),
         ("interface", "vcan1"),
     ] {
         assert_eq!(value(&summary, name), expected, "{name} in {summary}");

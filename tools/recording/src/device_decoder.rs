@@ -62,10 +62,19 @@ impl Samples {
         }
     }
 
+    /// Reports a sample. `is_stamped` if its time was taken when it came, not when it was read: then it shows how many are missing.
     #[inline]
-    fn push(&mut self, stamp: Stamp, sequence: &mut Sequence, values: &[f64], sink: &mut impl Sink<DeviceSample>) {
+    fn push(
+        &mut self,
+        stamp: Stamp,
+        is_stamped: bool,
+        sequence: &mut Sequence,
+        values: &[f64],
+        sink: &mut impl Sink<DeviceSample>,
+    ) {
         let since_ns = |last: Timestamp| Some(stamp.time?.t_ns.saturating_sub(last.t_ns));
-        let intervals = self.last.and_then(since_ns).map(|since_ns| since_ns as f64 * 1e-9 / self.interval_s);
+        let since_ns = self.last.filter(|_| is_stamped).and_then(since_ns);
+        let intervals = since_ns.map(|since_ns| since_ns as f64 * 1e-9 / self.interval_s);
         let step = sequence.step(values, intervals);
         self.last = stamp.time;
         let row = &mut self.row;

@@ -148,7 +148,7 @@ impl Can {
                     *chosen = Some(place);
                     bus.report_early(samples, sink);
                 }
-                samples.push(first, sequence, buses[place].assembly.values(), sink);
+                samples.push(first, true, sequence, buses[place].assembly.values(), sink);
             }
         }
     }

@@ -76,7 +76,7 @@ impl Serial {
                         }
                         Assembled::Complete => {
                             *first = None;
-                            samples.push(begun, sequence, assembly.values(), sink);
+                            samples.push(begun, false, sequence, assembly.values(), sink);
                         }
                     }
                 }
