@@ -160,7 +160,7 @@ fn tshark_reads_the_values_that_the_layout_reads() {
         let dissector = directory.path().join(format!("{prefix}.lua"));
         std::fs::write(&dissector, device.wire(&prefix).dissector()).unwrap();
         for (is_can, set) in links(&device) {
-            let (mut packets, mut expected): (Vec<Vec<u8>>, Vec<Vec<(String, f64)>>) = Default::default();
+            let (mut packets, mut expected) = (Vec::<Vec<u8>>::new(), Vec::<Vec<(String, f64)>>::new());
             for seed in SEEDS {
                 for frame in &set.frames {
                     let bytes = bytes(frame, set, seed);

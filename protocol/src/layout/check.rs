@@ -11,9 +11,9 @@ use crate::hex::spaced_hex;
 
 /// An algorithm ready to run.
 enum Engine {
-    Crc8(Crc<u8, Table<16>>),
-    Crc16(Crc<u16, Table<16>>),
-    Crc32(Crc<u32, Table<16>>),
+    Crc8(Box<Crc<u8, Table<16>>>),
+    Crc16(Box<Crc<u16, Table<16>>>),
+    Crc32(Box<Crc<u32, Table<16>>>),
     /// A sum; true for its two's complement.
     Sum(Sum, bool),
 }
@@ -53,7 +53,7 @@ impl Sum {
 macro_rules! catalogue {
     ($($variant:ident $width:ident: $($algorithm:ident)*;)*) => {
         const CATALOGUE: &[(&str, fn() -> Engine)] =
-            &[$($((stringify!($algorithm), || Engine::$variant(Crc::<$width, Table<16>>::new(&crc::$algorithm))),)*)*];
+            &[$($((stringify!($algorithm), || Engine::$variant(Box::new(Crc::<$width, Table<16>>::new(&crc::$algorithm)))),)*)*];
     };
 }
 

@@ -8,6 +8,9 @@ use geu_recording::DeviceSample;
 
 use super::{TextFormat, quote, write_seconds};
 
+/// Whole numbers below this are exact.
+const WHOLE: f64 = 9e15;
+
 /// Rows of a unit: time, number of the sample, and its values by their names.
 #[derive(Debug)]
 pub struct DeviceRows {
@@ -44,9 +47,13 @@ impl DeviceRows {
                 quote(name, out);
                 out.push(b':');
             }
-            match value.is_finite() {
-                true => write!(out, "{value}").expect("memory"),
-                false => out.extend_from_slice(if is_json { b"null" } else { b"" }),
+            match value {
+                // Most values are whole: no search for the shortest decimals.
+                whole if whole.fract() == 0.0 && whole.abs() < WHOLE => {
+                    out.extend_from_slice(itoa::Buffer::new().format(*whole as i64).as_bytes());
+                }
+                value if value.is_finite() => write!(out, "{value}").expect("memory"),
+                _ => out.extend_from_slice(if is_json { b"null" } else { b"" }),
             }
         }
         out.extend_from_slice(if is_json { b"}\n" } else { b"\n" });
