@@ -258,3 +258,86 @@ fn a_description_is_shown_as_it_can_be_read_again() {
     assert_eq!(unknown.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&unknown.stderr).contains("did you mean `stim300`?"));
 }
+
+#[test]
+fn a_database_may_be_in_windows_encoding_and_no_file_is_read_without_end() {
+    let run = |arguments: &[&str]| geu().arg("device").args(arguments).output().expect("geu starts");
+    let folder = tempfile::tempdir().expect("a folder");
+    let shown = String::from_utf8(run(&["show", "mm5.10", "--toml"]).stdout).expect("UTF-8");
+    let (file, database) = (folder.path().join("own.toml"), folder.path().join("mm5.10.dbc"));
+    fs::write(&file, shown).expect("a file");
+    let mut text = geu().args(["describe", "dbc", "--device", "mm5.10"]).output().expect("geu starts").stdout;
+    text.extend(b"\nCM_ \"rates in \xB0/s\";\n");
+    fs::write(&database, &text).expect("a file");
+    let check = || run(&["check", file.to_str().expect("UTF-8")]);
+    assert!(check().status.success(), "{}", String::from_utf8_lossy(&check().stderr));
+    fs::write(&database, vec![b'x'; 17 << 20]).expect("a file");
+    let error = String::from_utf8(check().stderr).expect("UTF-8");
+    assert!(error.contains("expected at most") && error.contains("device.can.dbc"), "{error}");
+    fs::remove_file(&database).expect("a file");
+    nix::unistd::mkfifo(&database, nix::sys::stat::Mode::S_IRWXU).expect("a FIFO");
+    assert!(String::from_utf8_lossy(&check().stderr).contains("not a regular file"));
+    fs::write(&file, b"[device]\nname = \"\xB0\"\n").expect("a file");
+    assert!(String::from_utf8_lossy(&check().stderr).contains("expected UTF-8"));
+}
+
+#[test]
+fn a_unit_with_both_links_has_the_same_columns_on_each_and_may_change_its_interface_between_inputs() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, bytes: &[u8]| {
+        let file = folder.path().join(name);
+        fs::write(&file, bytes).expect("a file");
+        file.to_str().expect("UTF-8").to_owned()
+    };
+    write("unit.dbc", b"VERSION \"\"\nBU_: U\nBO_ 291 DATA: 4 U\n SG_ RATE : 0|16@1- (0.01,0) [0|0] \"deg/s\" U\n SG_ COUNTER : 16|8@1+ (1,0) [0|0] \"\" U\n SG_ FLAGS : 24|8@1+ (1,0) [0|0] \"\" U\n");
+    let device = write(
+        "unit.toml",
+        br#"[device]
+name = "both"
+source = "none"
+interval_s = 0.01
+output = "rate"
+range_arcsec_s = 36000.0
+[[device.head]]
+name = "X"
+input = [1, 0, 0]
+[device.serial]
+[[device.serial.frame]]
+name = "S"
+fields = [{ constant = "A5" }, { head = "X", type = "i16be", unit = "deg/s", scale = 0.01 }, { crc = "CRC-16/XMODEM", type = "u16be" }]
+[device.can]
+dbc = "unit.dbc"
+[device.can.signals]
+"DATA.RATE" = { head = "X", unit = "deg/s" }
+"DATA.COUNTER" = { value = "sequence" }
+"DATA.FLAGS" = { bits = { X_valid = 0, busy = 1 } }
+"#,
+    );
+    let serial = (-10..10i16).flat_map(|number| {
+        let mut frame = vec![0xA5];
+        frame.extend((10 * number).to_be_bytes());
+        frame.extend((crc(16, 0x1021, 0, frame.iter().copied()) as u16).to_be_bytes());
+        frame
+    });
+    let serial = write("link.bin", &serial.collect::<Vec<u8>>());
+    let can = |interface: &str, samples: std::ops::Range<u32>| -> String {
+        let line = |sample: u32| {
+            let [low, high] = (10 * sample as u16).to_le_bytes();
+            let t_s = 1000.0 + 0.01 * f64::from(sample);
+            format!("({t_s:.6}) {interface} 123#{low:02X}{high:02X}{sample:02X}03\n")
+        };
+        samples.map(line).collect()
+    };
+    let inputs = [write("1.log", can("can0", 0..10).as_bytes()), write("2.log", can("vcan3", 10..20).as_bytes())];
+    let (rows, header, _) = decode(&device, Path::new(&serial));
+    assert_eq!(header, ["t_s", "number", "X_deg_s", "sequence", "X_valid", "status_busy"]);
+    assert_eq!(rows.len(), 20);
+    assert_eq!(rows[19], ["0.190000000", "19", "0.9", "", "", ""]);
+    let output = geu().args(["decode", "--device", &device]).args(&inputs).output().expect("geu starts");
+    let (text, summary) =
+        (String::from_utf8(output.stdout).expect("UTF-8"), String::from_utf8(output.stderr).expect("UTF-8"));
+    assert_eq!(text.lines().count(), 21, "{summary}");
+    assert_eq!(text.lines().last(), Some("1000.190000,19,1.9,19,1,1"));
+    assert!(summary.contains("accounts for all") && value(&summary, "interface") == "can0, vcan3", "{summary}");
+    assert_eq!([value(&summary, "samples-lost"), value(&summary, "frames-DATA")], ["0", "20"]);
+}

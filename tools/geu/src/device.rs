@@ -62,13 +62,19 @@ fn unknown(name: &str) -> CommandError {
     CommandError::input(format!("{name}: {hint}expected a description (TOML), or a name: {}", names.join(", ")))
 }
 
-/// The text of a description or a file that it names, which may be in Windows' Western encoding as CAN databases are.
-fn text_of(path: &Path) -> Result<String, String> {
-    if !path.is_file() {
-        return Err(if path.exists() { "not a regular file" } else { "no such file" }.to_owned());
+/// The text of a regular file.
+fn text_of(path: &Path) -> Result<String, std::io::Error> {
+    match path.metadata()?.is_file() {
+        true => geu_recording::read_text(path),
+        false => Err(std::io::Error::other("not a regular file")),
     }
-    match geu_recording::read_text(path) {
-        Err(error) if error.kind() == ErrorKind::InvalidData => {
+}
+
+/// The text of a CAN database, which is often in Windows' Western encoding.
+fn database(path: &Path) -> Result<String, String> {
+    let is_short = path.metadata().is_ok_and(|file| file.len() <= MAX_DATABASE_BYTES);
+    match text_of(path) {
+        Err(error) if error.kind() == ErrorKind::InvalidData && is_short => {
             let bytes = std::fs::read(path).map_err(|error| error.to_string())?;
             Ok(bytes.iter().map(|byte| char::from(*byte)).collect())
         }
@@ -76,11 +82,14 @@ fn text_of(path: &Path) -> Result<String, String> {
     }
 }
 
+/// Longest database that is not UTF-8.
+const MAX_DATABASE_BYTES: u64 = 1 << 22;
+
 fn read(path: &Path) -> Result<Device, CommandError> {
     let expected = "expected a description, such as `geu device show stim300 --toml` prints";
     let text =
         text_of(path).map_err(|error| CommandError::input(format!("{}: {error}; {expected}", path.display())))?;
-    let beside = |file: &str| text_of(&path.with_file_name(file));
+    let beside = |file: &str| database(&path.with_file_name(file));
     Device::parse(&path.display().to_string(), &text, &beside).map_err(CommandError::input)
 }
 
