@@ -1,7 +1,7 @@
 //! A frame: constants, fields and check values at fixed places.
 
 use super::check::Check;
-use super::number::BitField;
+use super::number::{BitField, Coding};
 
 /// A number that a frame carries.
 #[derive(Debug, Clone)]
@@ -14,20 +14,23 @@ pub struct Field {
     divisor: f64,
     /// Value of the number 0.
     offset: f64,
+    /// Values of a single bit.
+    of_bit: [f64; 2],
 }
 
 impl Field {
     /// A field with the number as its value.
     pub fn new(slot: usize, place: BitField) -> Field {
-        Field { slot, place, scale: 1.0, divisor: 1.0, offset: 0.0 }
+        Field { slot, place, scale: 1.0, divisor: 1.0, offset: 0.0, of_bit: [0.0, 1.0] }
     }
 
     /// Sets scale and offset. A scale such as 0.005 divides by 200, so that values are the nearest to their decimals.
     pub fn scaled(self, scale: f64, offset: f64) -> Field {
         let divisor = (1.0 / scale).round();
+        let of_bit = [offset, scale + offset];
         match divisor.abs() > 1.0 && 1.0 / divisor == scale {
-            true => Field { scale: 1.0, divisor, offset, ..self },
-            false => Field { scale, divisor: 1.0, offset, ..self },
+            true => Field { scale: 1.0, divisor, offset, of_bit, ..self },
+            false => Field { scale, divisor: 1.0, offset, of_bit, ..self },
         }
     }
 
@@ -54,6 +57,9 @@ impl Field {
     /// The value in a frame.
     #[inline]
     pub fn read(&self, bytes: &[u8]) -> f64 {
+        if self.place.bits == 1 && self.place.coding == Coding::Unsigned {
+            return self.of_bit[usize::from(self.place.read_bits(bytes) != 0)];
+        }
         let number = self.place.read(bytes);
         // A division takes longer than all the rest.
         let scaled = if self.divisor == 1.0 { number * self.scale } else { number / self.divisor };

@@ -10,6 +10,8 @@ use crate::serial::SerialDefect;
 #[derive(Debug, Clone)]
 pub struct SerialFrames {
     frames: Arc<FrameSet>,
+    /// Constant at the start of each frame.
+    starts: Vec<Vec<u8>>,
     /// First byte of every frame, if all have one and the same.
     first: Option<u8>,
     /// Length of the longest frame, byte.
@@ -18,22 +20,23 @@ pub struct SerialFrames {
 
 impl SerialFrames {
     pub fn new(frames: Arc<FrameSet>) -> SerialFrames {
-        let mut firsts = frames.frames.iter().map(|frame| frame.start().first().copied());
+        let starts: Vec<Vec<u8>> = frames.frames.iter().map(|frame| frame.start().to_vec()).collect();
+        let mut firsts = starts.iter().map(|start| start.first().copied());
         let first = firsts.next().flatten().filter(|first| firsts.all(|other| other == Some(*first)));
         let max_length = frames.frames.iter().map(Frame::length).max().unwrap_or_default();
-        SerialFrames { frames, first, max_length }
+        SerialFrames { frames, starts, first, max_length }
     }
 
     /// True if a frame may begin with these bytes.
     fn may_begin(&self, bytes: &[u8]) -> bool {
-        self.frames.frames.iter().any(|frame| begins(frame, bytes))
+        self.starts.iter().any(|start| begins(start, bytes))
     }
 }
 
-/// True if the bytes begin with the frame's first constant, as far as they go.
+/// True if the bytes begin with this constant, as far as they go.
 #[inline]
-fn begins(frame: &Frame, bytes: &[u8]) -> bool {
-    frame.start().iter().zip(bytes).all(|(own, byte)| own == byte)
+fn begins(start: &[u8], bytes: &[u8]) -> bool {
+    start.iter().zip(bytes).all(|(own, byte)| own == byte)
 }
 
 impl Framing for SerialFrames {
@@ -55,7 +58,9 @@ impl Framing for SerialFrames {
     #[inline]
     fn candidate<'a>(&self, bytes: &'a [u8], is_last: bool) -> Candidate<'a, usize> {
         let (mut length, mut defect) = (0, SerialDefect::UnknownType);
-        for (kind, frame) in self.frames.frames.iter().enumerate().filter(|(_, frame)| begins(frame, bytes)) {
+        for (kind, frame) in
+            self.frames.frames.iter().enumerate().filter(|(kind, _)| begins(&self.starts[*kind], bytes))
+        {
             length = length.max(frame.length());
             match bytes.get(..frame.length()) {
                 None if !is_last => return Candidate::Incomplete { length },
