@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use geu_tests::geu;
+use geu_tests::{geu, root};
 
 /// CRC, bit by bit, most significant bit first.
 fn crc(width: u32, polynomial: u32, initial: u32, bytes: impl IntoIterator<Item = u8>) -> u32 {
@@ -244,6 +244,17 @@ fn a_description_is_shown_as_it_can_be_read_again() {
     let list = String::from_utf8(run(&["list"]).stdout).expect("UTF-8");
     let names: Vec<&str> = list.lines().filter_map(|line| line.split_whitespace().next()).collect();
     assert!(names.contains(&"iras") && names.contains(&"stim300") && names.contains(&"tetrad"), "{list}");
+    let pages = fs::read_dir(root().join("docs/devices")).expect("a folder");
+    let pages = pages.map(|page| fs::read_to_string(page.expect("a page").path()).expect("a page")).collect::<Vec<_>>();
+    let table = fs::read_to_string(root().join("docs/devices.md")).expect("a page");
+    for name in names.iter().filter(|name| **name != "iras") {
+        assert!(table.contains(&format!("| `{name}` |")), "{name} is not in docs/devices.md");
+        let unit = String::from_utf8(run(&["show", name]).stdout).expect("UTF-8");
+        let unit = unit.lines().next().and_then(|line| line.split_once(' ')).expect("a name").1.trim();
+        let title = format!("# {}\n", unit.split(',').next().unwrap_or(unit).trim_end_matches(" IMU"));
+        let has_page = |page: &String| page.starts_with(&title) || page.starts_with(&title.replace('\n', " IMU\n"));
+        assert!(pages.iter().any(has_page), "{name}: no page begins with {title}");
+    }
     let folder = tempfile::tempdir().expect("a folder");
     for name in ["stim300", "kvh-1750", "tetrad"] {
         let text = run(&["show", name, "--toml"]).stdout;
