@@ -10,6 +10,9 @@ pub trait Framing {
     /// Meaning of a frame.
     type Frame: Copy;
 
+    /// Length of the longest frame, byte.
+    fn max_length(&self) -> usize;
+
     /// Number of bytes before the next place at which a frame may begin; `bytes` is not empty.
     fn next(&self, bytes: &[u8]) -> usize;
 
@@ -99,11 +102,6 @@ impl<F: Framing> FrameFinder<F> {
         FrameFinder { framing, offset: 0, skipping: None }
     }
 
-    /// The frames that it finds.
-    pub fn framing(&self) -> &F {
-        &self.framing
-    }
-
     /// Offset in the stream of the first byte not yet consumed.
     pub fn offset(&self) -> u64 {
         self.offset
@@ -165,5 +163,53 @@ impl<F: Framing> FrameFinder<F> {
             let first = &run.first[..usize::from(run.kept)];
             sink(FrameEvent::Skipped { at: run.at, length: self.offset - run.at, first });
         }
+    }
+}
+
+/// A finder that keeps the bytes of an incomplete frame.
+#[derive(Debug, Clone, Default)]
+pub struct FrameStream<F> {
+    finder: FrameFinder<F>,
+    /// Bytes not consumed, shorter than a frame.
+    carry: Vec<u8>,
+}
+
+impl<F: Framing> FrameStream<F> {
+    /// The start of a stream.
+    pub fn new(framing: F) -> FrameStream<F> {
+        FrameStream { finder: FrameFinder::new(framing), carry: Vec::new() }
+    }
+
+    /// Number of bytes pushed.
+    pub fn offset(&self) -> u64 {
+        self.finder.offset() + self.carry.len() as u64
+    }
+
+    /// Reads the next bytes.
+    pub fn push(&mut self, bytes: &[u8], sink: &mut impl FnMut(FrameEvent<F::Frame>)) {
+        let FrameStream { finder, carry } = self;
+        // The carried bytes are completed with as many as settle them, so that only these are copied.
+        let carried = carry.len();
+        let mut rest = bytes;
+        if carried > 0 {
+            let joined = bytes.len().min(2 * finder.framing.max_length());
+            carry.extend_from_slice(&bytes[..joined]);
+            let used = finder.consume(carry, sink);
+            if used < carried || joined == bytes.len() {
+                carry.drain(..used);
+                return;
+            }
+            carry.clear();
+            rest = &bytes[used - carried..];
+        }
+        let used = finder.consume(rest, sink);
+        carry.extend_from_slice(&rest[used..]);
+    }
+
+    /// Ends the stream; returns the number of bytes of an incomplete frame if `is_stopped`, else reports it as cut.
+    pub fn finish(&mut self, is_stopped: bool, sink: &mut impl FnMut(FrameEvent<F::Frame>)) -> usize {
+        let unfinished = if is_stopped { std::mem::take(&mut self.carry).len() } else { 0 };
+        self.finder.finish(&std::mem::take(&mut self.carry), sink);
+        unfinished
     }
 }

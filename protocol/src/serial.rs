@@ -139,6 +139,10 @@ pub struct UnitFrames;
 impl Framing for UnitFrames {
     type Frame = FrameType;
 
+    fn max_length(&self) -> usize {
+        MAX_FRAME
+    }
+
     #[inline]
     fn next(&self, bytes: &[u8]) -> usize {
         match bytes {

@@ -15,7 +15,7 @@ pub struct SerialFrames {
     /// First byte of every frame, if all have one and the same.
     first: Option<u8>,
     /// Length of the longest frame, byte.
-    pub max_length: usize,
+    max_length: usize,
 }
 
 impl SerialFrames {
@@ -42,6 +42,10 @@ fn begins(start: &[u8], bytes: &[u8]) -> bool {
 impl Framing for SerialFrames {
     /// Number of the frame.
     type Frame = usize;
+
+    fn max_length(&self) -> usize {
+        self.max_length
+    }
 
     #[inline]
     fn next(&self, bytes: &[u8]) -> usize {
@@ -79,7 +83,7 @@ impl Framing for SerialFrames {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::deframer::{FrameEvent, FrameFinder};
+    use crate::deframer::{FrameEvent, FrameStream};
     use crate::layout::{BitField, Check, Field, Number};
     use proptest::prelude::*;
 
@@ -104,14 +108,9 @@ mod tests {
             FrameEvent::Skipped { length, .. } => skipped += length,
             FrameEvent::Rejected { .. } => {}
         };
-        let (mut finder, mut buffer) = (FrameFinder::new(SerialFrames::new(frames())), Vec::new());
-        for chunk in chunks {
-            buffer.extend_from_slice(chunk);
-            let used = finder.consume(&buffer, &mut sink);
-            buffer.drain(..used);
-            assert!(buffer.len() < finder.framing().max_length);
-        }
-        finder.finish(&buffer, &mut sink);
+        let mut stream = FrameStream::new(SerialFrames::new(frames()));
+        chunks.iter().for_each(|chunk| stream.push(chunk, &mut sink));
+        stream.finish(false, &mut sink);
         (frames_found, skipped)
     }
 

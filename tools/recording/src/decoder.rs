@@ -12,8 +12,8 @@ use geu_protocol::excerpt::excerpt;
 use geu_protocol::{CanIdMap, Gyro};
 
 use self::bus::{Bus, InterfaceSelection};
+pub use self::serial::InputStarts;
 use self::serial::Serial;
-use crate::defect::DefectKind;
 use crate::input_reader::Decode;
 use crate::row::{ReceivedSample, Sink};
 use crate::summary::{DecodeSummary, Flow};
@@ -241,32 +241,17 @@ impl Decode for Decoder {
 
     #[inline]
     fn event(&mut self, place: RecordPosition, event: CaptureRecord, sink: &mut impl Sink) {
+        let CaptureRecord::Frame(frame) = event else { return self.flow.other_record(place, event, sink) };
         let DecodeSummary { account, others, rows, .. } = &mut self.flow.summary;
-        match event {
-            CaptureRecord::Frame(frame) => {
-                if *rows == 0 && !frame.extended {
-                    others.push(frame.id, frame.data);
-                }
-                let role = if frame.extended { Role::Other } else { self.plan.role(frame.id) };
-                if role == Role::Other { account.other += 1 } else { self.unit_frame(role, place, &frame, sink) }
-            }
-            CaptureRecord::Remote => account.remote += 1,
-            CaptureRecord::Fd => account.fd += 1,
-            CaptureRecord::Error => account.error += 1,
-            CaptureRecord::Remark => account.remarks += 1,
-            CaptureRecord::Dropped(count) => {
-                account.remarks += 1;
-                self.dropped(place, count, sink);
-            }
-            CaptureRecord::Broken { bytes, cut } => {
-                let kind = if cut { DefectKind::CutRecord } else { DefectKind::BrokenRecord };
-                self.flow.defect(self.flow.stamp(place, None), kind, bytes, 0, sink);
-            }
+        if *rows == 0 && !frame.extended {
+            others.push(frame.id, frame.data);
         }
+        let role = if frame.extended { Role::Other } else { self.plan.role(frame.id) };
+        if role == Role::Other { account.other += 1 } else { self.unit_frame(role, place, &frame, sink) }
     }
 
     fn dropped(&mut self, place: RecordPosition, count: u64, sink: &mut impl Sink) {
-        self.flow.defect(self.flow.stamp(place, None), DefectKind::ReceiverDropped, &[], count, sink);
+        self.flow.dropped(place, count, sink);
     }
 
     fn serial(&mut self, bytes: &[u8], time: Option<Timestamp>, sink: &mut impl Sink) {

@@ -141,40 +141,23 @@ impl Decode for DeviceDecoder {
     #[inline]
     fn event(&mut self, place: RecordPosition, event: CaptureRecord, sink: &mut impl Sink<DeviceSample>) {
         let DeviceDecoder { can, samples, .. } = self;
-        let account = &mut samples.flow.summary.account;
-        match event {
-            CaptureRecord::Frame(frame) => {
-                let stamp = samples.flow.stamp(place, frame.time);
-                match can {
-                    Some(can) => can.frame(&frame, stamp, samples, sink),
-                    None => samples.flow.summary.account.other += 1,
-                }
-            }
-            CaptureRecord::Remote => account.remote += 1,
-            CaptureRecord::Fd => account.fd += 1,
-            CaptureRecord::Error => account.error += 1,
-            CaptureRecord::Remark => account.remarks += 1,
-            CaptureRecord::Dropped(count) => {
-                account.remarks += 1;
-                self.dropped(place, count, sink);
-            }
-            CaptureRecord::Broken { bytes, cut } => {
-                let kind = if cut { DefectKind::CutRecord } else { DefectKind::BrokenRecord };
-                samples.flow.defect(samples.flow.stamp(place, None), kind, bytes, 0, sink);
-            }
+        let CaptureRecord::Frame(frame) = event else { return samples.flow.other_record(place, event, sink) };
+        let stamp = samples.flow.stamp(place, frame.time);
+        match can {
+            Some(can) => can.frame(&frame, stamp, samples, sink),
+            None => samples.flow.summary.account.other += 1,
         }
     }
 
     fn dropped(&mut self, place: RecordPosition, count: u64, sink: &mut impl Sink<DeviceSample>) {
-        let flow = &mut self.samples.flow;
-        flow.defect(flow.stamp(place, None), DefectKind::ReceiverDropped, &[], count, sink);
+        self.samples.flow.dropped(place, count, sink);
     }
 
     fn serial(&mut self, bytes: &[u8], time: Option<Timestamp>, sink: &mut impl Sink<DeviceSample>) {
         let account = &mut self.samples.flow.summary.account;
         account.bytes += bytes.len() as u64;
         match &mut self.serial {
-            Some(serial) => serial.read(bytes, time, false, &mut self.samples, sink),
+            Some(serial) => serial.read(bytes, time, &mut self.samples, sink),
             None => account.resynchronised_bytes += bytes.len() as u64,
         }
     }

@@ -3,7 +3,7 @@
 use std::fmt::{self, Display, Formatter};
 
 use geu_protocol::Gyro;
-use geu_protocol::capture::{RecordPosition, Timestamp};
+use geu_protocol::capture::{CaptureRecord, RecordPosition, Timestamp};
 use geu_protocol::continuity::{Continuity, SequenceStep};
 use geu_protocol::field::unit_flag;
 
@@ -214,6 +214,31 @@ impl Flow {
         }
         let input = self.summary.inputs.get(at.input as usize).map_or("", |(name, _)| name);
         sink.defect(&Defect { input, place: at.place, kind, bytes, time: at.time, lost });
+    }
+
+    /// Counts a record of a capture that is no frame.
+    pub fn other_record<R>(&mut self, place: RecordPosition, record: CaptureRecord, sink: &mut impl Sink<R>) {
+        let account = &mut self.summary.account;
+        match record {
+            CaptureRecord::Frame(_) => {}
+            CaptureRecord::Remote => account.remote += 1,
+            CaptureRecord::Fd => account.fd += 1,
+            CaptureRecord::Error => account.error += 1,
+            CaptureRecord::Remark => account.remarks += 1,
+            CaptureRecord::Dropped(count) => {
+                account.remarks += 1;
+                self.dropped(place, count, sink);
+            }
+            CaptureRecord::Broken { bytes, cut } => {
+                let kind = if cut { DefectKind::CutRecord } else { DefectKind::BrokenRecord };
+                self.defect(self.stamp(place, None), kind, bytes, 0, sink);
+            }
+        }
+    }
+
+    /// Reports that the receiver lost `count` frames.
+    pub fn dropped<R>(&mut self, place: RecordPosition, count: u64, sink: &mut impl Sink<R>) {
+        self.defect(self.stamp(place, None), DefectKind::ReceiverDropped, &[], count, sink);
     }
 
     pub fn count_defects(&mut self, kind: DefectKind, count: u64) {

@@ -2,7 +2,8 @@
 
 use geu_protocol::capture::{RecordPosition, Timestamp};
 use geu_protocol::continuity::ClockCheck;
-use geu_protocol::serial::{Deframer, DeframerEvent, FrameType, MAX_FRAME, OVERHEAD, read_data};
+use geu_protocol::deframer::FrameStream;
+use geu_protocol::serial::{DeframerEvent, FrameType, OVERHEAD, UnitFrames, read_data};
 
 use crate::defect::DefectKind;
 use crate::row::{ReceivedSample, Sink};
@@ -10,58 +11,50 @@ use crate::summary::{Flow, Stamp};
 
 #[derive(Debug, Default)]
 pub struct Serial {
-    deframer: Deframer,
-    /// Bytes not consumed, shorter than a frame.
-    carry: Vec<u8>,
-    total: u64,
+    stream: FrameStream<UnitFrames>,
     events: Events,
 }
 
 #[derive(Debug, Default)]
 struct Events {
     clock: ClockCheck,
-    /// Offset in the stream at which each input begins.
-    starts: Vec<(u64, u32)>,
+    starts: InputStarts,
     /// True if a sync was rejected inside the run of bytes that is being skipped.
     is_rejected: bool,
 }
 
+/// Offset in the stream at which each input begins.
+#[derive(Debug, Default)]
+pub struct InputStarts(Vec<(u64, u32)>);
+
+impl InputStarts {
+    /// Notes that the input of `flow` goes on at this offset.
+    pub fn note(&mut self, offset: u64, flow: &Flow) {
+        if self.0.last().is_none_or(|(_, input)| *input != flow.input()) {
+            self.0.push((offset, flow.input()));
+        }
+    }
+
+    /// Input and place in it of an offset.
+    pub fn stamp(&self, at: u64, time: Option<Timestamp>) -> Stamp {
+        let (start, input) = self.0.iter().rev().find(|(start, _)| *start <= at).copied().unwrap_or_default();
+        Stamp { place: RecordPosition::Offset(at - start), input, time }
+    }
+}
+
 impl Serial {
     pub fn read(&mut self, bytes: &[u8], time: Option<Timestamp>, flow: &mut Flow, sink: &mut impl Sink) {
-        let Serial { deframer, carry, total, events } = self;
-        if events.starts.last().is_none_or(|(_, input)| *input != flow.input()) {
-            events.starts.push((*total, flow.input()));
-        }
-        *total += bytes.len() as u64;
+        let Serial { stream, events } = self;
+        events.starts.note(stream.offset(), flow);
         flow.summary.account.bytes += bytes.len() as u64;
-        let mut report = |event: DeframerEvent| events.report(event, time, flow, sink);
-        // The carried bytes are completed with as many as settle them, so that only these are copied.
-        let carried = carry.len();
-        let mut rest = bytes;
-        if carried > 0 {
-            let joined = bytes.len().min(2 * MAX_FRAME);
-            carry.extend_from_slice(&bytes[..joined]);
-            let used = deframer.consume(carry, &mut report);
-            if used < carried || joined == bytes.len() {
-                carry.drain(..used);
-                return;
-            }
-            carry.clear();
-            rest = &bytes[used - carried..];
-        }
-        let used = deframer.consume(rest, &mut report);
-        carry.extend_from_slice(&rest[used..]);
+        stream.push(bytes, &mut |event| events.report(event, time, flow, sink));
     }
 
     /// Ends the stream; if `is_stopped`, an incomplete frame is unfinished, else cut.
     pub fn finish(&mut self, is_stopped: bool, flow: &mut Flow, sink: &mut impl Sink) {
-        let Serial { deframer, carry, events, .. } = self;
-        if is_stopped {
-            flow.summary.account.unfinished_bytes += carry.len() as u64;
-            carry.clear();
-        }
-        deframer.finish(carry, &mut |event| events.report(event, None, flow, sink));
-        carry.clear();
+        let Serial { stream, events } = self;
+        let unfinished = stream.finish(is_stopped, &mut |event| events.report(event, None, flow, sink));
+        flow.summary.account.unfinished_bytes += unfinished as u64;
     }
 }
 
@@ -70,8 +63,7 @@ impl Events {
     fn report(&mut self, event: DeframerEvent, time: Option<Timestamp>, flow: &mut Flow, sink: &mut impl Sink) {
         let (DeframerEvent::Frame { at, .. } | DeframerEvent::Rejected { at, .. } | DeframerEvent::Skipped { at, .. }) =
             event;
-        let (start, input) = self.starts.iter().rev().find(|(start, _)| *start <= at).copied().unwrap_or_default();
-        let stamp = Stamp { place: RecordPosition::Offset(at - start), input, time };
+        let stamp = self.starts.stamp(at, time);
         let account = &mut flow.summary.account;
         match event {
             DeframerEvent::Frame { kind, payload, .. } => {
