@@ -33,8 +33,8 @@ const BITRATE: f64 = 500_000.0;
 /// A frame under construction: a message, for one number of its selector.
 type Key = (usize, Option<u64>);
 
-/// Frames under construction, with the bits that are in use.
-type Frames = BTreeMap<Key, (Frame, Vec<u8>)>;
+/// Frames under construction.
+type Frames = BTreeMap<Key, Frame>;
 
 impl CanWire {
     /// Reads `node`; `values` belong to the other link.
@@ -56,27 +56,25 @@ impl CanWire {
         let (mut fields, mut frames) = (Fields::new(device, values), Frames::new());
         for name in signals.keys() {
             let (key, place, signal) = find(&database, &signals, name, name)?;
-            let frame = entry(&mut frames, &database, key);
-            reserve(frame, place, &signals, name)?;
+            let frame = frames.entry(key).or_insert_with(|| of_message(&database.messages[key.0], key.1));
             let Some(own) = signals.table(name)? else { continue };
             if own.keys().contains(&"bits") {
                 own.only(&["bits"])?;
                 if let Some(bits) = own.table("bits")? {
-                    frame.0.fields.extend(fields.bits(&bits, place)?);
+                    frame.fields.extend(fields.bits(&bits, place)?);
                 }
                 continue;
             }
             let given = Given { scale: signal.scale, offset: signal.offset, unit: &signal.unit };
-            frame.0.fields.push(fields.field(&own, place, &given, &[])?);
+            frame.fields.push(fields.field(&own, place, &given, &[])?);
         }
         for node in node.tables("checks")? {
             node.only(&[&CHECK_KEYS[..], &["signal"]].concat())?;
             let (key, place, _) = find(&database, &node, "signal", node.text("signal")?)?;
-            let frame = entry(&mut frames, &database, key);
-            reserve(frame, place, &node, "signal")?;
-            frame.0.checks.push(check(&node, place, frame.0.length())?);
+            let frame = frames.entry(key).or_insert_with(|| of_message(&database.messages[key.0], key.1));
+            frame.checks.push(check(&node, place, frame.length())?);
         }
-        fields.set.frames = spread(frames).into_values().map(|(frame, _)| frame).collect();
+        fields.set.frames = spread(frames).into_values().collect();
         if fields.set.frames.is_empty() || fields.set.frames.len() > Assembly::MAX_FRAMES {
             let (max, got) = (Assembly::MAX_FRAMES, fields.set.frames.len());
             return Err(node.error("signals", format!("expected 1 to {max} messages, got {got}")));
@@ -90,31 +88,6 @@ impl CanWire {
     }
 }
 
-/// The frame of a key, new if there is none.
-fn entry<'f>(frames: &'f mut Frames, database: &Database, key: Key) -> &'f mut (Frame, Vec<u8>) {
-    frames.entry(key).or_insert_with(|| {
-        let frame = of_message(&database.messages[key.0], key.1);
-        let used = vec![0; frame.length()];
-        (frame, used)
-    })
-}
-
-/// Reserves the bits of a signal; errors point at `key`.
-fn reserve(
-    (frame, used): &mut (Frame, Vec<u8>),
-    place: BitField,
-    node: &Node,
-    key: &str,
-) -> Result<(), ConfigurationError> {
-    let own = place.used(frame.length());
-    if used.iter().zip(&own).any(|(used, own)| used & own != 0) {
-        let message = format!("expected a signal with bits of its own, got bits of another one in {}", frame.name);
-        return Err(node.error(key, message));
-    }
-    used.iter_mut().zip(own).for_each(|(used, own)| *used |= own);
-    Ok(())
-}
-
 /// In a message with a selector, its plain signals and checks are in the frame of each number.
 fn spread(mut frames: Frames) -> Frames {
     let plain: Vec<usize> = frames.keys().filter(|(_, selected)| selected.is_none()).map(|(index, _)| *index).collect();
@@ -123,9 +96,9 @@ fn spread(mut frames: Frames) -> Frames {
         if selected.is_empty() {
             continue;
         }
-        let Some((common, _)) = frames.remove(&(index, None)) else { continue };
+        let Some(common) = frames.remove(&(index, None)) else { continue };
         for key in selected {
-            if let Some((frame, _)) = frames.get_mut(&key) {
+            if let Some(frame) = frames.get_mut(&key) {
                 frame.fields.extend(common.fields.iter().cloned());
                 frame.checks.extend(common.checks.iter().cloned());
             }

@@ -226,14 +226,17 @@ impl<'a> Fields<'a> {
             return Err(node.error(key, "expected the sequence in a frame of every sample, got a rarer one".to_owned()));
         }
         for (index, frame) in self.set.frames.iter().enumerate() {
-            let same = |other: &&Frame| other.name.eq_ignore_ascii_case(&frame.name);
-            if self.set.frames[..index].iter().any(|other| same(&other)) {
+            if self.set.frames[..index].iter().any(|other| other.name.eq_ignore_ascii_case(&frame.name)) {
                 return Err(node.error(key, format!("expected frames of different names, got {} twice", frame.name)));
             }
-            let bytes = |frame: &Frame| (frame.id, frame.template().to_vec(), frame.required().to_vec());
+            if let Some(name) = self.shared_bit(frame) {
+                let message =
+                    format!("expected content with bits of its own in {}, got {name} on bits of another", frame.name);
+                return Err(node.error(key, message));
+            }
             let constant = |frame: &Frame| {
-                let (id, template, required) = bytes(frame);
-                (id, template.iter().zip(&required).map(|(own, mask)| own & mask).collect::<Vec<u8>>(), required)
+                let (template, required) = (frame.template(), frame.required().to_vec());
+                (frame.id, template.iter().zip(&required).map(|(own, mask)| own & mask).collect::<Vec<u8>>(), required)
             };
             if let Some(other) = self.set.frames[..index].iter().find(|other| constant(other) == constant(frame)) {
                 let (one, other) = (&other.name, &frame.name);
@@ -243,6 +246,20 @@ impl<'a> Fields<'a> {
             }
         }
         Ok(())
+    }
+
+    /// Name of the first field or check that shares a bit with another one or with a constant.
+    fn shared_bit<'f>(&'f self, frame: &'f Frame) -> Option<&'f str> {
+        let mut used = frame.required().to_vec();
+        let fields = frame.fields.iter().map(|field| (field.place, self.set.values[field.slot].name.as_str()));
+        let checks = frame.checks.iter().map(|check| (check.place, check.name.as_str()));
+        let shared = |(place, _): &(BitField, &str)| {
+            let own = place.used(frame.length());
+            let is_shared = used.iter().zip(&own).any(|(used, own)| used & own != 0);
+            used.iter_mut().zip(own).for_each(|(used, own)| *used |= own);
+            is_shared
+        };
+        fields.chain(checks).find(shared).map(|(_, name)| name)
     }
 
     /// Fields of the named bits of a word: `X_valid`, `X_invalid`, `X_saturated` of a head; any other name is a bit of the status.

@@ -134,6 +134,14 @@ fn number(node: &Node) -> Result<Number, ConfigurationError> {
     Number::from_name(name).ok_or_else(|| node.unexpected("type", "a type"))
 }
 
+/// The type of a word of bits.
+fn unsigned(node: &Node) -> Result<Number, ConfigurationError> {
+    match number(node)? {
+        number if number.coding == Coding::Unsigned => Ok(number),
+        _ => Err(node.unexpected("type", "a type without sign")),
+    }
+}
+
 fn length_of(node: &Node) -> Result<usize, ConfigurationError> {
     let has = |key: &str| node.keys().contains(&key);
     match (has("constant"), has("ignored")) {
@@ -165,52 +173,39 @@ fn add(node: &Node, at: usize, frame: &mut Frame, fields: &mut Fields) -> Result
         frame.checks.push(check(node, BitField::bytes(at, number(node)?), frame.length())?);
     } else if has("bits") {
         node.only(&["bits", "type"])?;
-        let word = BitField::bytes(at, number(node)?);
-        if word.coding != Coding::Unsigned {
-            return Err(node.unexpected("type", "a type without sign"));
-        }
+        let word = BitField::bytes(at, unsigned(node)?);
         if let Some(bits) = node.table("bits")? {
             frame.fields.extend(fields.bits(&bits, word)?);
         }
     } else if has("parts") {
         node.only(&["parts", "type"])?;
-        let word = BitField::bytes(at, number(node)?);
+        let word = BitField::bytes(at, unsigned(node)?);
         for part in node.tables("parts")? {
-            if let Some(bits) = part.table("bits")? {
-                part.only(&["bits"])?;
-                frame.fields.extend(fields.bits(&bits, word)?);
-                continue;
-            }
-            let whole = |key: &str, max: u32| match part.whole_number(key)? {
-                Some(value) if value <= u64::from(max) => Ok(value as u32),
-                _ => Err(part.unexpected(key, &format!("a whole number up to {max}"))),
-            };
-            let first = whole("first", word.bits - 1)?;
-            let length = whole("length", word.bits - first)?;
-            if length == 0 {
-                return Err(part.unexpected("length", "a number of bits"));
-            }
-            let is_signed = part.value("signed", ValueFormat::Flag, 0.0, 1.0)? == Some(1.0);
-            let mut place = word.bits_of(first, length);
-            if is_signed {
-                place.coding = Coding::Signed;
-            }
-            frame.fields.push(fields.field(&part, place, &PLAIN, &["first", "length", "signed"])?);
-        }
-        let used = |field: &Field| field.place.used(frame.length());
-        let overlap =
-            |(one, other): (&Field, &Field)| used(one).iter().zip(used(other)).any(|(one, other)| one & other != 0);
-        let all = &frame.fields;
-        if (1..all.len()).any(|index| all[..index].iter().any(|other| overlap((&all[index], other)))) {
-            return Err(
-                node.error("parts", "expected parts with bits of their own, got two that share a bit".to_owned())
-            );
+            frame.fields.extend(fields_of_part(&part, word, fields)?);
         }
     } else {
         let place = BitField::bytes(at, number(node)?);
         frame.fields.push(fields.field(node, place, &PLAIN, &["type"])?);
     }
     Ok(())
+}
+
+/// The fields of a part of a word: a number, or named bits.
+fn fields_of_part(part: &Node, word: BitField, fields: &mut Fields) -> Result<Vec<Field>, ConfigurationError> {
+    if let Some(bits) = part.table("bits")? {
+        part.only(&["bits"])?;
+        return fields.bits(&bits, word);
+    }
+    let whole = |key: &str, min: u32, max: u32| match part.whole_number(key)? {
+        Some(value) if (u64::from(min)..=u64::from(max)).contains(&value) => Ok(value as u32),
+        _ => Err(part.unexpected(key, &format!("a whole number from {min} to {max}"))),
+    };
+    let first = whole("first", 0, word.bits - 1)?;
+    let mut place = word.bits_of(first, whole("length", 1, word.bits - first)?);
+    if part.value("signed", ValueFormat::Flag, 0.0, 1.0)? == Some(1.0) {
+        place.coding = Coding::Signed;
+    }
+    Ok(vec![fields.field(part, place, &PLAIN, &["first", "length", "signed"])?])
 }
 
 /// Keys of a check.

@@ -222,18 +222,24 @@ fn errors_of_a_description_say_what_was_expected() {
         (
             "value = \"sequence\", type = \"u8\"",
             "parts = [{ value = \"sequence\", first = 0, length = 9 }], type = \"u8\"",
-            "up to 8",
+            "from 1 to 8",
         ),
         (
             "value = \"sequence\", type = \"u8\"",
             "parts = [{ value = \"sequence\", first = 6, length = 0 }], type = \"u8\"",
-            "a number of bits",
+            "from 1 to 2",
         ),
         (
             "value = \"sequence\", type = \"u8\"",
             "parts = [{ value = \"sequence\", first = 0, length = 3 }, { bits = { busy = 2 } }], type = \"u8\"",
-            "two that share a bit",
+            "got status_busy on bits of another",
         ),
+        (
+            "value = \"sequence\", type = \"u8\"",
+            "bits = { X_valid = 0, busy = 0 }, type = \"u8\"",
+            "got status_busy on bits of another",
+        ),
+        ("value = \"sequence\", type = \"u8\"", "parts = [], type = \"i8\"", "a type without sign"),
         ("type = \"u16be\" },\n]", "type = \"u16be\", signal = \"x\" },\n]", "unknown key `signal`"),
         (
             "type = \"u16be\" },\n]\n",
@@ -270,7 +276,7 @@ fn a_can_unit_has_its_signals_from_a_database() {
         ("\"DATA.OTHER\" = { value = \"sequence\" }", "none for head X"),
         (
             "\"DATA.RATE\" = { head = \"X\", unit = \"deg/s\" }, \"DATA.OTHER\" = { value = \"sequence\" }",
-            "bits of its own",
+            "on bits of another",
         ),
     ] {
         let error = parse(&can(signals)).map(|_| ()).expect_err(signals).to_string();
@@ -279,6 +285,10 @@ fn a_can_unit_has_its_signals_from_a_database() {
     let rate = "\"DATA.RATE\" = { head = \"X\", unit = \"deg/s\" }";
     for (signals, part) in [
         ("DATA.RATE = { head = \"X\" }".to_owned(), "in quotes"),
+        (
+            "\"MIX.RATE_A\" = { head = \"X\", unit = \"deg/s\" }, \"MIX.PAGE\" = { bits = { busy = 0 } }".to_owned(),
+            "got status_busy on bits of another",
+        ),
         (format!("{rate}, \"DATA.WIDE\" = {{ value = \"clock_count\" }}"), "of 1 to 53 bits"),
         (format!("{rate}, \"DATA.COUNTER\" = {{ value = \"sequence\", modulus = 17 }}"), "from 2 to 16"),
         ("\"DATA.RATE\" = { head = \"X\", unit = \"rad/s\" }".to_owned(), "the unit of the database, deg/s"),
