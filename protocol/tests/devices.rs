@@ -133,9 +133,9 @@ fn c_programs_read_the_values_that_the_layout_reads_and_refuse_corrupted_frames(
                 };
                 assert!(compiled.status.success(), "{name}: {}", text(&compiled));
                 let arguments = ["-x", "c++", "-Wall", "-Wextra", "-Werror", "-fsyntax-only"].map(Path::new);
-                if let Some(checked) = run("c++", &arguments.into_iter().chain([source.as_path()]).collect::<Vec<_>>())
-                {
-                    assert!(checked.status.success(), "{name}: {}", text(&checked));
+                match run("c++", &arguments.into_iter().chain([source.as_path()]).collect::<Vec<_>>()) {
+                    Some(checked) => assert!(checked.status.success(), "{name}: {}", text(&checked)),
+                    None => skip("c++ is absent; the headers were not tried with it"),
                 }
                 let output = Command::new(&executable).output().unwrap();
                 let got = String::from_utf8(output.stdout).unwrap();

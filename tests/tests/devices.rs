@@ -288,6 +288,8 @@ fn a_database_may_be_in_windows_encoding_and_no_file_is_read_without_end() {
     fs::remove_file(&database).expect("a file");
     nix::unistd::mkfifo(&database, nix::sys::stat::Mode::S_IRWXU).expect("a FIFO");
     assert!(String::from_utf8_lossy(&check().stderr).contains("not a regular file"));
+    let shown = run(&["show", "--toml", database.to_str().expect("UTF-8")]);
+    assert!(String::from_utf8_lossy(&shown.stderr).contains("not a regular file"));
     fs::write(&file, b"[device]\nname = \"\xB0\"\n").expect("a file");
     assert!(String::from_utf8_lossy(&check().stderr).contains("expected UTF-8"));
 }

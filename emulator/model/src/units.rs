@@ -20,6 +20,22 @@ pub const SUN_RATE_RAD_S: f64 = 2.0 * PI / (365.25 * S_PER_DAY);
 /// One orbit, s; ψ' at orbital speed is 360° in this time.
 pub const ORBIT_S: f64 = 6180.0;
 
+/// Names of units, with the size of one.
+pub type NamedUnits = &'static [(&'static str, f64)];
+/// Units of rates, arcsec/s.
+pub const RATE_UNITS: NamedUnits = &[
+    ("deg/s", ARCSEC_PER_DEG),
+    ("rad/s", ARCSEC_PER_RAD),
+    ("mrad/s", ARCSEC_PER_RAD * 1e-3),
+    ("arcsec/s", 1.0),
+    ("deg/h", ARCSEC_PER_DEG / S_PER_H),
+];
+/// Units of angles, arcsec.
+pub const ANGLE_UNITS: NamedUnits =
+    &[("arcsec", 1.0), ("deg", ARCSEC_PER_DEG), ("rad", ARCSEC_PER_RAD), ("mrad", ARCSEC_PER_RAD * 1e-3)];
+/// Units of time, s.
+pub const TIME_UNITS: NamedUnits = &[("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)];
+
 /// On-board time at which a sample begins, since the start of the first, s.
 pub fn on_board_s(sample: u64) -> f64 {
     sample as f64 * SAMPLE_INTERVAL_S

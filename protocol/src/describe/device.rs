@@ -41,7 +41,7 @@ impl Wire<'_> {
             map! { name: *name, axis: axis.map(|part| format!("{part:.6}")).join(", ") }
         });
         let links = self.links.iter().map(|(name, rate, set)| {
-            map! { name: *name, rate: *rate, is_can: *name == "CAN",
+            map! { name: *name, rate: *rate, is_can: set.frames.iter().any(|frame| frame.id.is_some()),
             frames: set.frames.iter().map(|own| frame(own, set)).collect::<Value>() }
         });
         let values = self.links.first().map(|(.., set)| &set.values[..]).unwrap_or_default();

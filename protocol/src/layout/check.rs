@@ -132,6 +132,9 @@ impl Debug for Check {
 }
 
 impl Check {
+    /// Largest `pad_to`.
+    pub const MAX_PADDING: usize = 16;
+
     /// The check of that name; `None` for an unknown name.
     pub fn new(name: &str, place: BitField, covers: Range<usize>) -> Option<Check> {
         let crc = CATALOGUE.iter().find(|(algorithm, _)| catalogue_name(algorithm) == name).map(|(_, new)| new());
@@ -182,7 +185,7 @@ impl Check {
 
     /// The parts of the covered bytes: before the check, after it, zeros, and the suffix.
     fn parts<'a>(&'a self, bytes: &'a [u8]) -> [&'a [u8]; 4] {
-        const ZEROS: [u8; 16] = [0; 16];
+        const ZEROS: [u8; Check::MAX_PADDING] = [0; Check::MAX_PADDING];
         let Range { start, end } = self.covers;
         let before = &bytes[start.min(self.place.at)..self.place.at.min(end)];
         let before = if start > self.place.at { &[] } else { before };
@@ -231,9 +234,6 @@ impl Check {
         let mask = u64::MAX >> (64 - self.place.bits);
         self.place.read_bits(bytes) == self.value(bytes) & mask
     }
-
-    /// Largest padding, byte.
-    pub const MAX_PADDING: usize = 16;
 }
 
 #[cfg(test)]

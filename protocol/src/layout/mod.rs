@@ -64,8 +64,6 @@ pub struct ValueSpec {
     pub quantity: Quantity,
     /// Name of its column in a table, unit last.
     pub name: String,
-    /// Size of one unit of the value: arcsec, arcsec/s, °C, s.
-    pub factor: f64,
 }
 
 /// Frames of a link, and the values of a sample that their fields carry.

@@ -6,12 +6,13 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 use geu_model::device::{DEVICES, Device};
+use geu_model::units::SAMPLE_INTERVAL_S;
+use geu_protocol::Gyro;
 use geu_protocol::hex::spaced_hex;
 use geu_protocol::layout::{Frame, FrameSet, Quantity};
 use geu_protocol::suggestion::did_you_mean;
 
 use crate::command_error::{CommandError, print, say};
-use crate::settings::read_text;
 
 /// Lists, shows and checks descriptions of units.
 #[derive(Args, Debug)]
@@ -85,10 +86,14 @@ fn database(path: &Path) -> Result<String, String> {
 /// Longest database that is not UTF-8.
 const MAX_DATABASE_BYTES: u64 = 1 << 22;
 
-fn read(path: &Path) -> Result<Device, CommandError> {
+/// The text of a description.
+fn description(path: &Path) -> Result<String, CommandError> {
     let expected = "expected a description, such as `geu device show stim300 --toml` prints";
-    let text =
-        text_of(path).map_err(|error| CommandError::input(format!("{}: {error}; {expected}", path.display())))?;
+    text_of(path).map_err(|error| CommandError::input(format!("{}: {error}; {expected}", path.display())))
+}
+
+fn read(path: &Path) -> Result<Device, CommandError> {
+    let text = description(path)?;
     let beside = |file: &str| database(&path.with_file_name(file));
     Device::parse(&path.display().to_string(), &text, &beside).map_err(CommandError::input)
 }
@@ -100,8 +105,12 @@ fn read(path: &Path) -> Result<Device, CommandError> {
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     match &arguments.action {
         Action::List => {
-            let mut text =
-                "iras               serial, CAN     2 Hz  GYRX GYRY GYRZA GYRZB, the default unit\n".to_owned();
+            let heads = Gyro::NAMES.join(" ");
+            let mut text = format!(
+                "{DEFAULT_DEVICE:<18} {:<11} {:>8}  {heads}, the default unit\n",
+                "serial, CAN",
+                format!("{} Hz", 1.0 / SAMPLE_INTERVAL_S)
+            );
             for (name, _) in DEVICES {
                 let device = device(name)?;
                 let heads: Vec<&str> = device.heads.iter().map(|head| head.name.as_str()).collect();
@@ -112,16 +121,11 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
             }
             print(format_args!("{text}"))
         }
-        Action::Show { device: name, toml: true } => {
-            let known = DEVICES.iter().find(|(own, _)| own == name);
-            match known {
-                Some((_, text)) => print(format_args!("{text}")),
-                None if Path::new(name).exists() => {
-                    print(format_args!("{}", read_text(Path::new(name), "a description")?))
-                }
-                None => Err(unknown(name)),
-            }
-        }
+        Action::Show { device: name, toml: true } => match DEVICES.iter().find(|(own, _)| own == name) {
+            Some((_, text)) => print(format_args!("{text}")),
+            None if Path::new(name).exists() => print(format_args!("{}", description(Path::new(name))?)),
+            None => Err(unknown(name)),
+        },
         Action::Show { device: name, .. } if name == DEFAULT_DEVICE => {
             say!("{name}: the default unit; `geu describe icd` prints its interface")
         }

@@ -14,9 +14,10 @@ use geu_protocol::{CanIdMap, Gyro};
 use self::bus::{Bus, InterfaceSelection};
 pub use self::serial::InputStarts;
 use self::serial::Serial;
+use crate::flow::Flow;
 use crate::input_reader::Decode;
 use crate::row::{ReceivedSample, Sink};
-use crate::summary::{DecodeSummary, Flow};
+use crate::summary::DecodeSummary;
 
 #[derive(Debug, Clone, Default)]
 pub struct DecoderOptions {

@@ -12,9 +12,10 @@ use self::can::Can;
 use self::serial::Serial;
 use crate::decoder::DecoderOptions;
 use crate::defect::DefectKind;
+use crate::flow::{Flow, Stamp};
 use crate::input_reader::Decode;
 use crate::row::{DeviceSample, Sink};
-use crate::summary::{DecodeSummary, Flow, Stamp};
+use crate::summary::DecodeSummary;
 
 /// Decodes inputs, one after the other, to samples and defects.
 #[derive(Debug)]

@@ -38,6 +38,7 @@ mod csv_table;
 mod decoder;
 mod defect;
 mod device_decoder;
+mod flow;
 mod gyro_csv;
 mod input;
 mod input_reader;

@@ -9,7 +9,7 @@ use geu_protocol::layout::{
 };
 use geu_protocol::suggestion::{did_you_mean, listed};
 
-use super::fields::{Fields, Given};
+use super::fields::{Fields, Unstated};
 use super::serial::{CHECK_KEYS, check};
 use super::{Device, Files, positive};
 use crate::configuration::{ConfigurationError, Node};
@@ -65,8 +65,8 @@ impl CanWire {
                 }
                 continue;
             }
-            let given = Given { scale: signal.scale, offset: signal.offset, unit: &signal.unit };
-            frame.fields.push(fields.field(&own, place, &given, &[])?);
+            let unstated = Unstated { scale: signal.scale, offset: signal.offset, unit: &signal.unit };
+            frame.fields.push(fields.field(&own, place, &unstated, &[])?);
         }
         for node in node.tables("checks")? {
             node.only(&[&CHECK_KEYS[..], &["signal"]].concat())?;

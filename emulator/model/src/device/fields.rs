@@ -5,25 +5,10 @@ use geu_protocol::layout::{BitField, Coding, Field, Frame, FrameSet, Quantity, V
 use super::{Device, Output};
 use crate::configuration::{ConfigurationError, Node};
 use crate::parameter_spec::ValueFormat;
-use crate::units::{ARCSEC_PER_DEG, ARCSEC_PER_RAD, S_PER_H};
+use crate::units::{ANGLE_UNITS, NamedUnits, RATE_UNITS, TIME_UNITS};
 
-/// Units of a value, with the size of one.
-type Units = &'static [(&'static str, f64)];
-
-/// Units of an increment, arcsec.
-const ANGLES: Units =
-    &[("arcsec", 1.0), ("deg", ARCSEC_PER_DEG), ("rad", ARCSEC_PER_RAD), ("mrad", ARCSEC_PER_RAD * 1e-3)];
-/// Units of a rate, arcsec/s.
-const RATES: Units = &[
-    ("arcsec/s", 1.0),
-    ("deg/s", ARCSEC_PER_DEG),
-    ("deg/h", ARCSEC_PER_DEG / S_PER_H),
-    ("rad/s", ARCSEC_PER_RAD),
-    ("mrad/s", ARCSEC_PER_RAD * 1e-3),
-];
-const TEMPERATURES: Units = &[("degC", 1.0)];
-const TIMES: Units = &[("s", 1.0), ("ms", 1e-3), ("us", 1e-6)];
-const COUNTS: Units = &[("count", 1.0)];
+const TEMPERATURE_UNITS: NamedUnits = &[("degC", 1.0)];
+const COUNT_UNITS: NamedUnits = &[("count", 1.0)];
 
 /// Words of a `value`.
 const VALUES: [&str; 5] = ["sequence", "clock_count", "latency", "electronics", "sensor"];
@@ -48,7 +33,7 @@ pub struct Fields<'a> {
 }
 
 /// Scale and offset of a field without its own, and its unit in a database.
-pub struct Given<'a> {
+pub struct Unstated<'a> {
     pub scale: f64,
     pub offset: f64,
     pub unit: &'a str,
@@ -64,7 +49,7 @@ impl<'a> Fields<'a> {
     ///
     /// # Errors
     /// It has another name, and with it another unit; or another quantity has the name. In words.
-    fn slot(&mut self, quantity: Quantity, name: String, factor: f64) -> Result<usize, String> {
+    fn slot(&mut self, quantity: Quantity, name: String) -> Result<usize, String> {
         if let Some(slot) = self.set.slot(&quantity) {
             let known = &self.set.values[slot].name;
             return match *known == name {
@@ -76,7 +61,7 @@ impl<'a> Fields<'a> {
         if let Some(other) = names.into_iter().find(|other| other.eq_ignore_ascii_case(&name)) {
             return Err(format!("expected a name of its own, got {name} beside {other}"));
         }
-        self.set.values.push(ValueSpec { quantity, name, factor });
+        self.set.values.push(ValueSpec { quantity, name });
         Ok(self.set.values.len() - 1)
     }
 
@@ -88,7 +73,7 @@ impl<'a> Fields<'a> {
         &mut self,
         node: &Node,
         place: BitField,
-        given: &Given,
+        unstated: &Unstated,
         more: &[&str],
     ) -> Result<Field, ConfigurationError> {
         let keys: &[&str] = match node.keys().contains(&"head") {
@@ -100,7 +85,7 @@ impl<'a> Fields<'a> {
         let real = |key: &str, default: f64| {
             Ok::<f64, ConfigurationError>(node.value(key, ValueFormat::Real, -1e12, 1e12)?.unwrap_or(default))
         };
-        let (scale, offset) = (real("scale", given.scale)?, real("offset", given.offset)?);
+        let (scale, offset) = (real("scale", unstated.scale)?, real("offset", unstated.offset)?);
         if scale == 0.0 {
             return Err(node.unexpected("scale", "a number that is not 0"));
         }
@@ -114,8 +99,8 @@ impl<'a> Fields<'a> {
             }
             false => units[0],
         };
-        if names.contains(&given.unit) && given.unit != unit {
-            return Err(node.error("unit", format!("expected the unit of the database, {}, got {unit}", given.unit)));
+        if names.contains(&unstated.unit) && unstated.unit != unit {
+            return Err(node.error("unit", format!("expected the unit of the database, {}, got {unit}", unstated.unit)));
         }
         if quantity == Quantity::Sequence {
             self.sequence(node, &place, (scale, offset))?;
@@ -126,7 +111,7 @@ impl<'a> Fields<'a> {
             "degC" => "_c".to_owned(),
             unit => format!("_{}", unit.replace('/', "_")),
         };
-        let slot = self.slot(quantity, stem + &suffix, factor).map_err(|message| node.error(key, message))?;
+        let slot = self.slot(quantity, stem + &suffix).map_err(|message| node.error(key, message))?;
         if is_output && self.outputs.contains(&slot) {
             return Err(node.error("head", "expected one field for the output of a head, got another one".to_owned()));
         }
@@ -150,7 +135,7 @@ impl<'a> Fields<'a> {
     }
 
     /// Quantity, name without unit, and possible units.
-    fn carried(&self, node: &Node) -> Result<(Quantity, String, Units), ConfigurationError> {
+    fn carried(&self, node: &Node) -> Result<(Quantity, String, NamedUnits), ConfigurationError> {
         if node.keys().contains(&"head") {
             let name = node.text("head")?;
             let head = self.device.head(name).map_err(|message| node.error("head", message))?;
@@ -159,18 +144,18 @@ impl<'a> Fields<'a> {
                 false => "output",
             };
             return Ok(match (of, self.device.output) {
-                ("temperature", _) => (Quantity::Temperature(head), format!("{name}_temperature"), TEMPERATURES),
-                (_, Output::Increment) => (Quantity::Output(head), name.to_owned(), ANGLES),
-                (_, Output::Rate) => (Quantity::Output(head), name.to_owned(), RATES),
+                ("temperature", _) => (Quantity::Temperature(head), format!("{name}_temperature"), TEMPERATURE_UNITS),
+                (_, Output::Increment) => (Quantity::Output(head), name.to_owned(), ANGLE_UNITS),
+                (_, Output::Rate) => (Quantity::Output(head), name.to_owned(), RATE_UNITS),
             });
         }
         let value = node.choice("value", &VALUES)?;
         let (quantity, units) = match value {
-            "sequence" => (Quantity::Sequence, COUNTS),
-            "clock_count" => (Quantity::ClockCount, COUNTS),
-            "latency" => (Quantity::Latency, TIMES),
-            "electronics" => (Quantity::Electronics, TEMPERATURES),
-            _ => (Quantity::Sensor, TEMPERATURES),
+            "sequence" => (Quantity::Sequence, COUNT_UNITS),
+            "clock_count" => (Quantity::ClockCount, COUNT_UNITS),
+            "latency" => (Quantity::Latency, TIME_UNITS),
+            "electronics" => (Quantity::Electronics, TEMPERATURE_UNITS),
+            _ => (Quantity::Sensor, TEMPERATURE_UNITS),
         };
         Ok((quantity, value.to_owned(), units))
     }
@@ -283,7 +268,7 @@ impl<'a> Fields<'a> {
                     );
                 }
             };
-            let slot = self.slot(quantity, column, 1.0).map_err(|message| node.error(name, message))?;
+            let slot = self.slot(quantity, column).map_err(|message| node.error(name, message))?;
             let field = Field::new(slot, word.bits_of(bit as u32, 1));
             fields.push(if is_inverted { field.scaled(-1.0, 1.0) } else { field });
         }

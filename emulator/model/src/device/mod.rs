@@ -95,7 +95,7 @@ impl Device {
     /// The unit of that name; `None` if there is none.
     ///
     /// # Panics
-    /// Never: every known description is read by a test.
+    /// For a description of this crate that is not valid; a test reads each.
     pub fn from_name(name: &str) -> Option<Device> {
         let (name, text) = DEVICES.iter().find(|(own, _)| *own == name)?;
         let files = |file: &str| {

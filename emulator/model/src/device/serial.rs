@@ -7,13 +7,13 @@ use geu_protocol::layout::{Assembly, BitField, Check, Coding, Field, Frame, Fram
 use geu_protocol::serial::{BITS_PER_BYTE, DEFAULT_BAUD};
 use geu_protocol::suggestion::did_you_mean;
 
-use super::fields::{Fields, Given, is_identifier};
+use super::fields::{Fields, Unstated, is_identifier};
 use super::{Device, positive};
 use crate::configuration::{ConfigurationError, Node};
 use crate::parameter_spec::ValueFormat;
 
 /// A field without scale and offset.
-const PLAIN: Given = Given { scale: 1.0, offset: 0.0, unit: "" };
+const PLAIN: Unstated = Unstated { scale: 1.0, offset: 0.0, unit: "" };
 
 /// Longest frame, byte.
 const MAX_FRAME: usize = 1024;

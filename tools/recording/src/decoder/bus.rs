@@ -3,8 +3,8 @@
 use geu_protocol::can::{AssembledSample, Assembler, AssemblerEvent, CanDefect, DefectBytes};
 
 use crate::defect::DefectKind;
+use crate::flow::{Flow, Stamp};
 use crate::row::{ReceivedSample, Sink};
-use crate::summary::{Flow, Stamp};
 
 /// Defects kept of a bus before it is chosen; further ones are counted.
 const MAX_EARLY: usize = 1000;

@@ -6,8 +6,8 @@ use geu_protocol::deframer::FrameStream;
 use geu_protocol::serial::{DeframerEvent, FrameType, OVERHEAD, UnitFrames, read_data};
 
 use crate::defect::DefectKind;
+use crate::flow::{Flow, Stamp};
 use crate::row::{ReceivedSample, Sink};
-use crate::summary::{Flow, Stamp};
 
 #[derive(Debug, Default)]
 pub struct Serial {
@@ -28,7 +28,7 @@ struct Events {
 pub struct InputStarts(Vec<(u64, u32)>);
 
 impl InputStarts {
-    /// Notes that the input of `flow` goes on at this offset.
+    /// Notes the offset at which a new input of `flow` begins.
     pub fn note(&mut self, offset: u64, flow: &Flow) {
         if self.0.last().is_none_or(|(_, input)| *input != flow.input()) {
             self.0.push((offset, flow.input()));

@@ -10,8 +10,8 @@ use geu_protocol::layout::{Assembled, Assembly, FrameSet, Sequence};
 
 use super::Samples;
 use crate::defect::DefectKind;
+use crate::flow::Stamp;
 use crate::row::{DeviceSample, Sink};
-use crate::summary::Stamp;
 
 /// Interfaces that are decoded; a bench has a handful.
 const MAX_INTERFACES: usize = 256;

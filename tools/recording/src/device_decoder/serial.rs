@@ -9,8 +9,8 @@ use geu_protocol::layout::{Assembled, Assembly, FrameSet, Sequence, SerialFrames
 use super::Samples;
 use crate::decoder::InputStarts;
 use crate::defect::DefectKind;
+use crate::flow::Stamp;
 use crate::row::{DeviceSample, Sink};
-use crate::summary::Stamp;
 
 /// Frames on a serial line.
 #[derive(Debug)]

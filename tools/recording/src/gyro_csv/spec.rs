@@ -2,22 +2,9 @@
 
 use geu_model::configuration::{ConfigText, ConfigurationError, Node};
 use geu_model::parameter_spec::{DefaultValue, ParameterSpec, ValueFormat, number};
-use geu_model::units::{ARCSEC_PER_DEG, ARCSEC_PER_RAD};
+use geu_model::units::{ANGLE_UNITS, RATE_UNITS, TIME_UNITS};
 use geu_protocol::excerpt::MAX_QUOTED;
 
-/// Units of time, with their length in s.
-const TIME_UNITS: [(&str, f64); 4] = [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)];
-/// Units of a gyro, in arcsec or arcsec/s; true for an angle since the row before, false for a rate.
-const GYRO_UNITS: [(&str, f64, bool); 8] = [
-    ("deg/s", ARCSEC_PER_DEG, false),
-    ("rad/s", ARCSEC_PER_RAD, false),
-    ("mrad/s", ARCSEC_PER_RAD * 1e-3, false),
-    ("arcsec/s", 1.0, false),
-    ("deg/h", 1.0, false),
-    ("arcsec", 1.0, true),
-    ("deg", ARCSEC_PER_DEG, true),
-    ("rad", ARCSEC_PER_RAD, true),
-];
 const AXES: [&str; 9] = ["X", "Y", "Z", "+X", "+Y", "+Z", "-X", "-Y", "-Z"];
 const INTERVAL: ParameterSpec =
     number("interval_s", "s", ValueFormat::Real, DefaultValue::Required, 1e-6, 1e6, "nominal interval of the rows");
@@ -91,8 +78,7 @@ impl GyroCsvSpec {
         let missing = |table: &str| root.error(table, format!("expected a table [{table}], got none"));
         let time = root.table("time")?.ok_or_else(|| missing("time"))?;
         time.only(&["column", "unit", INTERVAL.name])?;
-        let units = TIME_UNITS.map(|(unit, _)| unit);
-        let unit = time.choice("unit", &units)?;
+        let time_scale_s = unit(&time, TIME_UNITS)?;
         let interval_s = time.number(&INTERVAL)?;
         let gyro = root.table("gyro")?.ok_or_else(|| missing("gyro.NAME"))?;
         if let Some(name) = gyro.keys().into_iter().find(|name| name.len() > MAX_QUOTED) {
@@ -105,7 +91,7 @@ impl GyroCsvSpec {
         }
         Ok(GyroCsvSpec {
             time_column: column(&time, "column")?,
-            time_scale_s: TIME_UNITS.into_iter().find(|(name, _)| *name == unit).map_or(1.0, |(_, scale)| scale),
+            time_scale_s,
             interval_s,
             delimiter,
             reference: match root.table("reference")? {
@@ -144,14 +130,18 @@ fn column(node: &Node, key: &str) -> Result<String, ConfigurationError> {
     }
 }
 
+/// Size of the unit under `unit`, from these.
+fn unit(node: &Node, units: &[(&str, f64)]) -> Result<f64, ConfigurationError> {
+    let name = node.choice("unit", &units.iter().map(|(name, _)| *name).collect::<Vec<_>>())?;
+    Ok(units.iter().find(|(own, _)| *own == name).map_or(1.0, |(_, size)| *size))
+}
+
 fn read_rate(parent: &Node, key: &str) -> Result<RateColumn, ConfigurationError> {
     let path = parent.path_of(key);
     let missing = || parent.error(key, format!("expected `{path}`, {{ column = TEXT, unit = UNIT }}, got none"));
     let node = parent.table(key)?.ok_or_else(missing)?;
     node.only(&["column", "unit"])?;
-    let rates = GYRO_UNITS.iter().filter(|(.., is_angle)| !is_angle);
-    let unit = node.choice("unit", &rates.clone().map(|(unit, ..)| *unit).collect::<Vec<_>>())?;
-    let scale_arcsec_s = rates.clone().find(|(name, ..)| *name == unit).map_or(1.0, |(_, size, _)| *size);
+    let scale_arcsec_s = unit(&node, RATE_UNITS)?;
     Ok(RateColumn { column: column(&node, "column")?, scale_arcsec_s })
 }
 
@@ -159,9 +149,9 @@ fn read_gyro(all: &Node, name: &str, interval_s: f64) -> Result<GyroColumn, Conf
     let missing = || all.error(name, format!("expected a table [gyro.{name}]"));
     let node = all.table(name)?.ok_or_else(missing)?;
     node.only(&["column", "axis", "unit", COUNTS.name])?;
-    let unit = node.choice("unit", &GYRO_UNITS.map(|(unit, ..)| unit))?;
+    let size = unit(&node, &[RATE_UNITS, ANGLE_UNITS].concat())?;
+    let is_angle = ANGLE_UNITS.iter().any(|(name, _)| node.text("unit").is_ok_and(|unit| unit == *name));
     let axis = node.choice("axis", &AXES)?;
-    let (_, size, is_angle) = *GYRO_UNITS.iter().find(|(name, ..)| *name == unit).unwrap_or(&GYRO_UNITS[0]);
     let sign = if axis.starts_with('-') { -1.0 } else { 1.0 };
     let axis = AXES.iter().position(|name| *name == axis).unwrap_or(0) % 3;
     let per_second = if is_angle { 1.0 / interval_s } else { 1.0 };
