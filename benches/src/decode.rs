@@ -7,6 +7,8 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
+mod device;
+
 use clap::Args;
 use geu_protocol::serial::data_frame;
 use geu_protocol::{CLOCK_PER_SAMPLE, CanIdMap, Sample, describe};
@@ -48,26 +50,31 @@ pub fn run(arguments: &Arguments) -> Result {
     println!("{lines} lines of candump log, {:.0} MB; time in s; {}", bytes(&log) / MEGABYTE, arguments.rounds);
     // Our decoder without the process around it: throughput and target.
     let rows = decode(&log, false)?.1 as f64;
-    let own = [
-        ("candump log, no output", &log, false, (lines / 1e6, "M lines/s", 8.0)),
-        ("candump log to CSV", &log, true, (rows / 1e6, "M rows/s", 2.0)),
-        ("raw serial, no output", &bin, false, (bytes(&bin) / MEGABYTE, "MB/s", 500.0)),
+    let units = device::inputs(directory.path(), arguments.lines)?;
+    let mut own = vec![
+        ("candump log, no output".to_owned(), (lines / 1e6, "M lines/s", 8.0)),
+        ("candump log to CSV".to_owned(), (rows / 1e6, "M rows/s", 2.0)),
+        ("raw serial, no output".to_owned(), (bytes(&bin) / MEGABYTE, "MB/s", 500.0)),
     ];
-    let mut contenders: Vec<Contender<f64>> = own
-        .iter()
-        .map(|&(name, path, write, _)| {
-            let run = move || decode(path, write).map(|(time_s, _)| time_s);
-            Contender::ours(name, run)
-        })
-        .collect();
+    let (log_path, bin_path) = (&log, &bin);
+    let mut contenders: Vec<Contender<f64>> = vec![
+        Contender::ours(&own[0].0, move || decode(log_path, false).map(|(time_s, _)| time_s)),
+        Contender::ours(&own[1].0, move || decode(log_path, true).map(|(time_s, _)| time_s)),
+        Contender::ours(&own[2].0, move || decode(bin_path, false).map(|(time_s, _)| time_s)),
+    ];
+    for unit in &units {
+        let name = format!("{}, no output", unit.name);
+        contenders.push(Contender::ours(&name, move || unit.decode()));
+        own.push((name, unit.work));
+    }
     if !arguments.alone {
         fs::write(&dbc, describe::dbc(CanIdMap::default()))?;
         contenders.extend(processes(&log, &dbc)?);
     }
     let results = arguments.rounds.measure(contenders)?;
-    for (Results { name, runs }, (.., (work, unit, target))) in results.iter().zip(own) {
+    for (Results { name, runs }, (_, (work, unit, target))) in results.iter().zip(&own) {
         let throughput = Spread::new(runs.iter().flatten().map(|time_s| work / time_s));
-        let verdict = if throughput.median >= target { "met" } else { "MISSED" };
+        let verdict = if throughput.median >= *target { "met" } else { "MISSED" };
         println!("{name:<32} {throughput:>24.1} {unit:<9} target {target}: {verdict}");
     }
     if results.len() > own.len() {
