@@ -123,7 +123,7 @@ fn faults(runs: &Runs) -> Result {
     let is_asked = |code: &str| runs.only.as_ref().is_none_or(|only| only == code);
     for (code, name, amplitude) in FAULTS.into_iter().filter(|(code, ..)| is_asked(code)) {
         for gyro in Gyro::ALL {
-            let gyros = std::array::from_fn(|index| index == gyro as usize);
+            let gyros = std::array::from_fn(|index| index == gyro.index());
             let sized = SHARES.iter().filter_map(|share| {
                 let value = |number: &str| match number {
                     "time_s" => Some(share * SURVEY_S),
@@ -162,7 +162,7 @@ impl Outcome {
         let mut outcome = Outcome::default();
         for event in events.iter().filter(|event| ["alarm", "named"].contains(&event.event)) {
             let delay_s = event.t_s - onset_s;
-            let is_own = event.gyros[gyro as usize] && delay_s >= 0.0;
+            let is_own = event.gyros[gyro.index()] && delay_s >= 0.0;
             match event.event {
                 "alarm" if is_own && outcome.alarm_s.is_none() => outcome.alarm_s = Some(delay_s),
                 "named" if is_own && event.code == name => outcome.name_s = outcome.name_s.or(Some(delay_s)),

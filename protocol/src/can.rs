@@ -12,27 +12,47 @@ use crate::message::{Clock, Increments, Message, MessageId, Status};
 pub const DEFAULT_BASE: u16 = 0x1A0;
 /// The largest identifier of eleven bits.
 const MAX_ID: u16 = 0x7FF;
+/// The largest identifier of 29 bits.
+const MAX_EXTENDED_ID: u32 = 0x1FFF_FFFF;
 /// Data bytes of INCREMENTS, STATUS and CLOCK.
 const LENGTH: usize = 8;
 /// Bytes of STATUS that its CRC covers.
 pub const STATUS_COVERED: usize = 6;
 
-/// A classic CAN data frame with an 11-bit identifier.
+/// A classic CAN data frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CanFrame {
-    id: u16,
+    id: u32,
+    is_extended: bool,
     length: u8,
     data: [u8; LENGTH],
 }
 
 impl CanFrame {
+    fn empty(id: u16) -> CanFrame {
+        CanFrame { id: id.into(), is_extended: false, length: 0, data: [0; LENGTH] }
+    }
+
     /// A frame with these data; `None` for an identifier beyond eleven bits or more than eight bytes.
     #[inline]
     pub fn new(id: u16, data: &[u8]) -> Option<CanFrame> {
         if id > MAX_ID {
             return None;
         }
-        CanFrame { id, length: 0, data: [0; LENGTH] }.with_data(data)
+        CanFrame::empty(id).with_data(data)
+    }
+
+    /// A frame with an identifier of 29 bits; `None` for a larger one or more than eight bytes.
+    #[inline]
+    pub fn extended(id: u32, data: &[u8]) -> Option<CanFrame> {
+        let frame = CanFrame { id, is_extended: true, ..CanFrame::empty(0) }.with_data(data);
+        frame.filter(|_| id <= MAX_EXTENDED_ID)
+    }
+
+    /// The frame under another identifier of the same length, the largest one instead of a larger one.
+    #[must_use]
+    pub fn with_id(self, id: u32) -> CanFrame {
+        CanFrame { id: id.min(if self.is_extended { MAX_EXTENDED_ID } else { MAX_ID.into() }), ..self }
     }
 
     /// Replaces the data; `None` for more than eight bytes.
@@ -43,10 +63,15 @@ impl CanFrame {
         Some(CanFrame { length: data.len() as u8, data: bytes, ..self })
     }
 
-    /// The identifier, 0…7FF.
+    /// The identifier.
     #[inline]
-    pub fn id(&self) -> u16 {
+    pub fn id(&self) -> u32 {
         self.id
+    }
+
+    /// True for an identifier of 29 bits.
+    pub fn is_extended(&self) -> bool {
+        self.is_extended
     }
 
     #[inline]
@@ -137,14 +162,14 @@ impl CanIdMap {
         Status::write(sample, &mut status);
         close_status(&increments, &mut status);
         Clock::write(sample, &mut clock);
-        let frame = |id, data| CanFrame { id: self.base + offset(id), length: LENGTH as u8, data };
+        let frame = |id, data| CanFrame { length: LENGTH as u8, data, ..CanFrame::empty(self.base + offset(id)) };
         [frame(Increments::SPEC.id, increments), frame(Status::SPEC.id, status), frame(Clock::SPEC.id, clock)]
     }
 
     pub fn reply(self, reply: &Reply) -> CanFrame {
         let mut data = [0; LENGTH];
         data[..reply.bytes().len()].copy_from_slice(reply.bytes());
-        CanFrame { id: self.reply_id(), length: reply.bytes().len() as u8, data }
+        CanFrame { length: reply.bytes().len() as u8, data, ..CanFrame::empty(self.reply_id()) }
     }
 }
 

@@ -3,6 +3,9 @@
 //! A field is a type with access to its value in [`Sample`] and its encoding; a message (see
 //! [`crate::message`]) is a list of such types.
 
+use std::collections::BTreeSet;
+use std::sync::{Mutex, PoisonError};
+
 use crate::named;
 
 /// Cycles of the nominal 1 MHz unit clock in one sample interval.
@@ -10,21 +13,56 @@ pub const CLOCK_PER_SAMPLE: u64 = 500_000;
 /// The clock count is a 48-bit number.
 pub const CLOCK_MODULUS: u64 = 1 << 48;
 
-named! {
-    /// The four gyros, in wire order.
-    #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-    pub enum Gyro {
-        X = "GYRX",
-        Y = "GYRY",
-        Za = "GYRZA",
-        Zb = "GYRZB",
-    }
+/// A gyro of a unit: its number and its name. The constants are those of the default unit.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Gyro {
+    index: u8,
+    name: &'static str,
 }
 
 impl Gyro {
-    /// Bit of this gyro in a four-gyro mask (bit 0 is GYRX).
+    pub const X: Gyro = Gyro { index: 0, name: "GYRX" };
+    pub const Y: Gyro = Gyro { index: 1, name: "GYRY" };
+    pub const ZA: Gyro = Gyro { index: 2, name: "GYRZA" };
+    pub const ZB: Gyro = Gyro { index: 3, name: "GYRZB" };
+    /// The gyros of the default unit, in wire order.
+    pub const ALL: [Gyro; 4] = [Gyro::X, Gyro::Y, Gyro::ZA, Gyro::ZB];
+    /// Their names.
+    pub const NAMES: [&'static str; 4] = [Gyro::X.name, Gyro::Y.name, Gyro::ZA.name, Gyro::ZB.name];
+
+    /// The gyro of another unit with that number. Its name is kept for the rest of the process, each name once.
+    pub fn new(index: u8, name: &str) -> Gyro {
+        static KEPT: Mutex<BTreeSet<&'static str>> = Mutex::new(BTreeSet::new());
+        let mut kept = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = kept.get(name).copied();
+        let name = known.unwrap_or_else(|| Box::leak(name.to_owned().into_boxed_str()));
+        kept.insert(name);
+        Gyro { index, name }
+    }
+
+    /// The gyro of the default unit with that name.
+    pub fn from_name(name: &str) -> Option<Gyro> {
+        Gyro::ALL.into_iter().find(|gyro| gyro.name == name)
+    }
+
+    pub const fn name(self) -> &'static str {
+        self.name
+    }
+
+    /// Its number, from 0.
+    pub const fn index(self) -> usize {
+        self.index as usize
+    }
+
+    /// Its bit in a mask of gyros (bit 0 is GYRX).
     pub const fn bit(self) -> u8 {
-        1 << self as u8
+        1 << self.index
+    }
+}
+
+impl std::fmt::Debug for Gyro {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name)
     }
 }
 

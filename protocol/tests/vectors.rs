@@ -24,7 +24,7 @@ const SERIAL: [u8; 28] = [
 fn can_frames_are_those_of_the_document() {
     let plan = CanIdMap::default();
     for (frame, (id, data)) in plan.frames(&SAMPLE_INTERVAL).iter().zip(CAN) {
-        assert_eq!((frame.id(), frame.data()), (id, &data.to_be_bytes()[..]));
+        assert_eq!((frame.id(), frame.data()), (id.into(), &data.to_be_bytes()[..]));
     }
     let (mut assembler, mut found) = (Assembler::default(), Vec::new());
     for (stamp, (id, data)) in CAN.into_iter().enumerate() {

@@ -164,13 +164,13 @@ impl Case {
         let Case { name, gyros, without, with } = self;
         let configuration = Configuration::reference();
         for gyro in Gyro::ALL {
-            let (before, after) = (&without.residuals[gyro as usize], &with.residuals[gyro as usize]);
-            let whitening = Whitening::of(&configuration.gyros[gyro as usize].effects.constant, after.len());
+            let (before, after) = (&without.residuals[gyro.index()], &with.residuals[gyro.index()]);
+            let whitening = Whitening::of(&configuration.gyros[gyro.index()].effects.constant, after.len());
             let signature: Vec<f64> = before.iter().zip(after).map(|(before, after)| before - after).collect();
             let predicted = with.chi2(&whitening, &signature);
             let (before, after) = (without.chi2(&whitening, before), with.chi2(&whitening, after));
             let (fall, dof) = (before - after, (signature.len() - 4) as f64);
-            let left = largest(&with.refitted()[gyro as usize]);
+            let left = largest(&with.refitted()[gyro.index()]);
             let gyro = gyro.name();
             println!(
                 "{name:32} {gyro:5} {:12.3} {:9.3} {fall:14.1} {predicted:14.1} {left:8.2}",

@@ -78,8 +78,7 @@ fn solved(json: &Path) -> ([Calibration; 4], [f64; 16]) {
 #[test]
 fn can_and_serial_with_reference_or_sensors_recover_the_unit_and_update_a_configuration() {
     let temp_dir = tempfile::tempdir().expect("a directory");
-    let truth =
-        geu_calibration::solve::values(&Configuration::reference().gyros.each_ref().map(|gyro| gyro.calibration));
+    let truth = geu_calibration::solve::values(&Configuration::reference().calibrations());
     for wire in ["can", "serial"] {
         let directory = recording().join(wire);
         let file = |name: &str| text(&directory.join(name)).to_owned();

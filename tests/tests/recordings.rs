@@ -48,7 +48,7 @@ fn two_independent_implementations_agree() {
     for Case { name, without, with, .. } in cases() {
         let (without, with) = (without.refitted(), with.refitted());
         for gyro in Gyro::ALL {
-            let (before, after) = (&without[gyro as usize], &with[gyro as usize]);
+            let (before, after) = (&without[gyro.index()], &with[gyro.index()]);
             assert!(largest(after) < RESIDUAL_ARCSEC, "{name} {}: {:.2} arcsec left", gyro.name(), largest(after));
             // An effect shows on a gyro if it exceeds noise and rounding; the configured effect explains it.
             if largest(before) > 2.0 * RESIDUAL_ARCSEC {

@@ -1,7 +1,8 @@
 //! The catalogue of faults as JSON, with units and limits, for the bench page and other clients.
 
+use geu_model::device::Device;
 use geu_model::fault::catalogue::{CATALOGUE, FaultSpec, Transport};
-use geu_model::fault::{ParameterRef, expression};
+use geu_model::fault::{EffectList, ParameterRef, expression};
 use geu_model::parameter_spec::{DefaultValue, ParameterSpec, ValueFormat};
 use geu_model::time_profile::FAULT_PROFILES;
 use geu_protocol::Gyro;
@@ -48,15 +49,15 @@ fn bounded(own: &ParameterSpec, spec: &FaultSpec) -> Value {
 }
 
 /// Gyros, parameters with time courses, named faults, commands, variables of conditions.
-pub fn catalogue() -> Value {
+pub fn catalogue(device: &Device) -> Value {
     let names = |gyros: &[Gyro]| gyros.iter().map(|gyro| gyro.name()).collect::<Value>();
     let parameters = ParameterRef::all().into_iter().map(|target| {
         let ((min, max), spec) = (target.limits(), target.number());
         json!({
             "parameter": target.name(),
             "title": target.effect().title,
-            "per_gyro": !target.gyros().is_empty(),
-            "gyros": names(&target.gyros()),
+            "per_gyro": target.list != EffectList::Unit,
+            "gyros": names(&target.gyros(device)),
             "form": form(spec.form),
             "least": min,
             "greatest": max,
@@ -71,7 +72,9 @@ pub fn catalogue() -> Value {
         json!({ "course": kind.name, "meaning": kind.meaning, "numbers": numbers })
     });
     let faults = CATALOGUE.iter().map(|spec| {
-        let links: Value = Transport::ALL.into_iter().map(|kind| (kind.name(), spec.unable_on(kind))).collect();
+        let unable =
+            |kind: Transport| spec.unable_on(kind).or_else(|| device.unable(spec.code, kind == Transport::Can));
+        let links: Value = Transport::ALL.into_iter().map(|kind| (kind.name(), unable(kind))).collect();
         json!({
             "fault": spec.code,
             "scope": spec.scope.name(),
@@ -85,11 +88,11 @@ pub fn catalogue() -> Value {
     let variables = expression::vocabulary().into_iter();
     let conditions = variables.map(|(name, meaning)| json!({ "name": name, "meaning": meaning }));
     json!({
-        "gyros": Gyro::ALL.map(Gyro::name),
+        "gyros": device.gyros().map(Gyro::name).collect::<Value>(),
         "parameters": parameters.collect::<Value>(),
         "courses": courses.collect::<Value>(),
         "faults": faults.collect::<Value>(),
-        "commands": control::commands(),
+        "commands": if device.is_iras() { control::commands() } else { json!([]) },
         "conditions": conditions.collect::<Value>(),
     })
 }

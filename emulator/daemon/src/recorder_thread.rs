@@ -11,7 +11,6 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use geu_model::configuration::EndedEarly;
-use geu_model::units::on_board_s;
 use serde_json::{Value, json};
 use tokio::sync::{oneshot, watch};
 use tokio::time::timeout;
@@ -145,9 +144,8 @@ impl Status {
             // Releases the replies that wait.
             self.wrote(u64::MAX);
             console::say(format_args!(
-                "the recording in {} ends at sample {sample} ({} s): {reason}; emulation continues without it",
-                self.directory.display(),
-                on_board_s(sample)
+                "the recording in {} ends at sample {sample}: {reason}; emulation continues without it",
+                self.directory.display()
             ));
         }
     }
@@ -313,7 +311,7 @@ mod tests {
         let mut count = 0;
         loop {
             let (ended, traces) = unit.end_sample_traced();
-            if !feed.push(UnitEvent::Sample(ended, Box::new(traces), None)) {
+            if !feed.push(UnitEvent::Sample(ended, traces, None)) {
                 break;
             }
             count += 1;
@@ -331,7 +329,7 @@ mod tests {
         assert!(error.contains(&format!("ended at sample {count}")), "{error}");
         let text = std::fs::read_to_string(directory.join("run.toml")).expect("a run");
         let run = Configuration::parse("run.toml", &text, &[]).expect("a configuration").run;
-        assert_eq!((run.duration_s, run.is_unfinished), (on_board_s(count), false));
+        assert_eq!((run.duration_s, run.is_unfinished), (count as f64 * 0.5, false));
         assert_eq!(run.ended_early.map(|early| early.sample), Some(count));
         assert_eq!(std::fs::read(directory.join("link.bin")).expect("a link").len() as u64, count * 28);
     }

@@ -12,11 +12,12 @@ mod truth;
 
 use std::sync::Arc;
 
+use geu_protocol::Sample;
 use geu_protocol::field::{CLOCK_MODULUS, unit_flag};
-use geu_protocol::{CLOCK_PER_SAMPLE, Gyro, Sample};
 
 use crate::attitude::{Motion, MotionStep};
 use crate::configuration::Configuration;
+use crate::device::{Device, MAX_HEADS, Output};
 use crate::effect::{
     FAULT_COLUMN, GyroEffects, POWER_COLUMN, Probe, SATURATION_COLUMN, SELF_TEST_COLUMN, SampleTiming, Temperatures,
     UnitEffects, WiringEffects, WiringStates,
@@ -27,27 +28,66 @@ use crate::fault::engine::FaultEngine;
 use crate::package::{ComputedParts, Package, ResolvedGyro, SubStep, Trace};
 use crate::temperature::Sensor;
 use crate::time_profile::Interval;
-use crate::units::SAMPLE_INTERVAL_S;
 pub use command::CommandResponse;
 pub use following::MeasuredTemperatures;
 pub use injection::InjectionRecord;
 pub use truth::Truth;
 
-/// Sub-steps of a sample, over which motion is resolved: 0.1 s each.
-const SUB_STEPS: usize = 5;
-/// A sample in femtoseconds, the grain of the unit's true time: 10⁻¹⁵ of it at most is lost in rounding.
-const SAMPLE_INTERVAL_FS: f64 = 0.5e15;
-/// Spin-up of a gyro: 60 s.
-const SPIN_UP_SAMPLE_INTERVALS: u32 = 120;
+/// Longest sub-step of a sample, over which motion is resolved.
+const SUB_STEP_S: f64 = 0.1;
+/// Femtoseconds of a second, the grain of the unit's true time: 10⁻¹⁵ of a sample at most is lost in rounding.
+const FS: f64 = 1e15;
+/// Spin-up of a gyro.
+const SPIN_UP_S: f64 = 60.0;
+/// The nominal unit clock, Hz.
+const CLOCK_HZ: f64 = 1e6;
+
+/// Outputs of the heads over a sample interval, of any unit.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Outputs {
+    /// Number of the sample since the sequence began.
+    pub number: u64,
+    /// Counts of each head.
+    pub counts: [f64; MAX_HEADS],
+    /// Heads with a measurement, as bits.
+    pub valid: u8,
+    /// Heads that were clipped, as bits.
+    pub saturated: u8,
+}
 
 /// A sample that just ended.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CompletedSample {
+    /// As the default unit has it; of another unit all but its increments and the flags of its gyros count.
     pub sample: Sample,
+    pub outputs: Outputs,
     /// True if it is sent on every link now (cyclic mode), false if it is kept for a poll.
     pub cyclic: bool,
     /// Scheduled end, true time since the start of the first sample interval, ns.
     pub end_ns: i64,
+}
+
+impl From<Sample> for CompletedSample {
+    /// A sample of the default unit, as it was received.
+    fn from(sample: Sample) -> CompletedSample {
+        let mut outputs = Outputs {
+            number: sample.sequence.into(),
+            valid: sample.gyro_flags & 0xF,
+            saturated: sample.gyro_flags >> 4,
+            ..Outputs::default()
+        };
+        outputs.counts.iter_mut().zip(sample.increments).for_each(|(counts, increment)| *counts = increment.into());
+        CompletedSample { sample, outputs, cyclic: true, end_ns: 0 }
+    }
+}
+
+impl CompletedSample {
+    /// The sample with another number.
+    #[must_use]
+    pub fn numbered(self, number: u64) -> CompletedSample {
+        let sample = Sample { sequence: number as u16, ..self.sample };
+        CompletedSample { sample, outputs: Outputs { number, ..self.outputs }, ..self }
+    }
 }
 
 #[derive(Debug, Clone)]
@@ -71,13 +111,26 @@ struct Channel {
     accumulated: f64,
 }
 
+/// How counts become an output.
+#[derive(Debug, Clone, Copy)]
+enum Rounding {
+    /// The difference of the rounded accumulated counts, so that no fraction is ever lost.
+    Accumulated,
+    /// Each sample by itself.
+    Each,
+    None,
+}
+
 impl Channel {
-    /// The increment: the difference of the rounded accumulated counts, so that no fraction is ever lost.
     #[inline]
-    fn accumulate(&mut self, unquantised: f64) -> f64 {
-        let before = self.accumulated.round();
+    fn accumulate(&mut self, unquantised: f64, rounding: Rounding) -> f64 {
+        let before = self.accumulated;
         self.accumulated += unquantised;
-        self.accumulated.round() - before
+        match rounding {
+            Rounding::Accumulated => self.accumulated.round() - before.round(),
+            Rounding::Each => unquantised.round(),
+            Rounding::None => unquantised,
+        }
     }
 }
 
@@ -94,9 +147,11 @@ pub struct GyroUnit {
     motion: Motion,
     truth: Motion,
     package: Package,
-    channels: [Channel; 4],
+    channels: Vec<Channel>,
     /// Parts of each gyro that are computed.
-    computed: [ComputedParts; 4],
+    computed: Vec<ComputedParts>,
+    /// Motion over the sub-steps of a sample.
+    steps: Vec<SubStep>,
     wiring: WiringStates,
     sensor: Sensor,
     /// Temperatures that were measured, in place of those configured and of the heater's.
@@ -109,12 +164,12 @@ pub struct GyroUnit {
     timing: SampleTiming,
     ended: u64,
     /// Counts lost to saturation, per gyro.
-    lost_counts: [f64; 4],
-    sequence: u16,
+    lost_counts: Vec<f64>,
+    sequence: u64,
     clock_count: u64,
     polled: bool,
     self_test: Option<SelfTest>,
-    last: Option<Sample>,
+    last: Option<CompletedSample>,
 }
 
 impl GyroUnit {
@@ -130,12 +185,14 @@ impl GyroUnit {
     fn at_start(configuration: &Configuration, truth: &Truth, measured: Option<Arc<MeasuredTemperatures>>) -> GyroUnit {
         let at = |t_s: f64| truth.motion(configuration, t_s);
         let truth = at(0.0);
+        let (device, heads) = (&configuration.device, configuration.device.heads.len());
         let mut unit = GyroUnit {
             motion: truth.clone(),
             truth,
-            package: Package::start(configuration.seed),
-            channels: Gyro::ALL.map(|_| Channel { power: Power::On(0), accumulated: 0.0 }),
-            computed: [ComputedParts::ALL; 4],
+            package: Package::start(configuration.seed, device.gyros()),
+            channels: vec![Channel { power: Power::On(0), accumulated: 0.0 }; heads],
+            computed: vec![ComputedParts::ALL; heads],
+            steps: vec![SubStep::default(); (device.interval_s / SUB_STEP_S - 1e-9).ceil().max(1.0) as usize],
             wiring: WiringStates::default(),
             configuration: Arc::new(configuration.clone()),
             faults: FaultEngine::new(configuration),
@@ -149,8 +206,8 @@ impl GyroUnit {
             unit: UnitEffects::default(),
             timing: SampleTiming::default(),
             ended: 0,
-            lost_counts: [0.0; 4],
-            sequence: u16::MAX,
+            lost_counts: vec![0.0; heads],
+            sequence: u64::MAX,
             clock_count: 0,
             polled: false,
             self_test: None,
@@ -166,6 +223,11 @@ impl GyroUnit {
         unit
     }
 
+    /// What it is a unit of.
+    pub fn device(&self) -> &Arc<Device> {
+        &self.configuration.device
+    }
+
     /// Number of ended samples: the index of the running one.
     pub fn ended(&self) -> u64 {
         self.ended
@@ -176,9 +238,9 @@ impl GyroUnit {
         ((self.end_fs + 500_000) / 1_000_000) as i64
     }
 
-    /// Counts that clipping has lost, in the order of [`Gyro::ALL`].
-    pub fn lost_counts(&self) -> [f64; 4] {
-        self.lost_counts
+    /// Counts that clipping has lost, by head.
+    pub fn lost_counts(&self) -> &[f64] {
+        &self.lost_counts
     }
 
     /// The motion of the moment that is counted.
@@ -192,50 +254,76 @@ impl GyroUnit {
     }
 
     /// As [`GyroUnit::end_sample`], with the contributions to the counts of each gyro.
-    pub fn end_sample_traced(&mut self) -> (CompletedSample, [Trace; 4]) {
+    pub fn end_sample_traced(&mut self) -> (CompletedSample, Vec<Trace>) {
         self.end()
     }
 
-    fn end<T: Probe>(&mut self) -> (CompletedSample, [T; 4]) {
+    fn end<T: Probe>(&mut self) -> (CompletedSample, Vec<T>) {
         let (start_s, end_s) = (self.start_fs as f64 * 1e-15, self.end_fs as f64 * 1e-15);
-        let mut taps: [T; 4] = std::array::from_fn(|_| T::default());
+        let device = self.configuration.device.clone();
+        let mut taps: Vec<T> = device.heads.iter().map(|_| T::default()).collect();
         let temperatures = self.temperatures(0.5 * (start_s + end_s));
         let interval = temperatures.interval(start_s, end_s);
-        let mut steps = [SubStep::default(); SUB_STEPS];
+        let mut steps = std::mem::take(&mut self.steps);
         let truths = self.advance::<T>(start_s, end_s, &mut steps);
         let unquantised = self.count(&temperatures, &interval, &steps, &truths, &mut taps);
-        let mut counts: [f64; 4] = std::array::from_fn(|index| self.channels[index].accumulate(unquantised[index]));
-        self.apply_wiring(&interval, &mut counts, &mut taps);
-        let mut sample = Sample::default();
-        let mut is_synchronous = self.apply_power(&mut counts, &mut sample, &mut taps);
-        let before = counts;
-        let overrides = self.faults.act_on_counts(&mut counts);
-        sample.gyro_flags &= !overrides.invalid;
-        let coasts = |(channel, gyro): (&Channel, Gyro)| {
-            matches!(channel.power, Power::On(_)) && overrides.coasting & gyro.bit() != 0
-        };
-        is_synchronous &= !self.channels.iter().zip(Gyro::ALL).any(coasts);
-        for (index, gyro) in Gyro::ALL.into_iter().enumerate() {
+        self.steps = steps;
+        let (mut sample, mut outputs) = (Sample::default(), Outputs::default());
+        let counts = &mut outputs.counts[..device.heads.len()];
+        for ((counts, channel), (head, unquantised)) in
+            counts.iter_mut().zip(&mut self.channels).zip(device.heads.iter().zip(unquantised))
+        {
+            let rounding = match (head.is_rounded, device.output) {
+                (false, _) => Rounding::None,
+                (true, Output::Rate) => Rounding::Each,
+                (true, Output::Increment) => Rounding::Accumulated,
+            };
+            *counts = channel.accumulate(unquantised, rounding);
+        }
+        self.apply_wiring(&interval, counts, &mut taps);
+        let mut is_synchronous = self.apply_power(counts, &mut outputs.valid, &mut taps);
+        let mut before = [0.0; MAX_HEADS];
+        before[..counts.len()].copy_from_slice(counts);
+        let overrides = self.faults.act_on_counts(&device, counts);
+        outputs.valid &= !overrides.invalid;
+        let is_on = |channel: &Channel| matches!(channel.power, Power::On(_));
+        is_synchronous &= !self
+            .channels
+            .iter()
+            .zip(&device.heads)
+            .any(|(channel, head)| is_on(channel) && overrides.coasting & head.gyro.bit() != 0);
+        for (index, head) in device.heads.iter().enumerate() {
             let counts = &mut counts[index];
             if *counts != before[index] {
                 taps[index].changed(FAULT_COLUMN, *counts - before[index]);
             }
-            let clipped = counts.clamp(f64::from(i16::MIN), f64::from(i16::MAX));
+            let (low, high) = device.limits(head);
+            let clipped = counts.clamp(low, high);
             if clipped != *counts {
-                sample.gyro_flags |= gyro.bit() << 4;
+                outputs.saturated |= head.gyro.bit();
                 self.lost_counts[index] += (*counts - clipped).abs();
                 taps[index].changed(SATURATION_COLUMN, clipped - *counts);
             }
-            sample.increments[index] = clipped as i16;
+            *counts = clipped;
         }
         self.sequence = self.sequence.wrapping_add(1);
-        self.clock_count = (self.clock_count + CLOCK_PER_SAMPLE) % CLOCK_MODULUS;
-        sample.sequence = self.sequence;
+        self.clock_count = (self.clock_count + (device.interval_s * CLOCK_HZ).round() as u64) % CLOCK_MODULUS;
+        outputs.number = self.sequence;
+        sample.sequence = self.sequence as u16;
         sample.clock_count = self.clock_count;
         self.report_status(start_s, end_s, is_synchronous, &mut sample);
-        self.last = Some(sample);
+        for (law, _) in self.faults.on_unit() {
+            if let UnitFault::FlipFlags { gyro_flags, unit_flags } = law {
+                outputs.valid ^= gyro_flags & 0xF;
+                outputs.saturated ^= gyro_flags >> 4;
+                sample.unit_flags ^= unit_flags;
+            }
+        }
+        sample.gyro_flags = outputs.valid & 0xF | outputs.saturated << 4;
+        sample.increments.iter_mut().zip(outputs.counts).for_each(|(increment, counts)| *increment = counts as i16);
         let cyclic = !self.polled && !self.faults.is_silent();
-        let ended = CompletedSample { sample, cyclic, end_ns: self.running_end_ns() };
+        let ended = CompletedSample { sample, outputs, cyclic, end_ns: self.running_end_ns() };
+        self.last = Some(ended);
         self.injected = self.compare(&ended);
         self.ended += 1;
         self.start_fs = self.end_fs;
@@ -244,8 +332,9 @@ impl GyroUnit {
     }
 
     /// Motion of the sub-steps of a sample: as counted, and the truth if a probe records it and it differs.
-    fn advance<T: Probe>(&mut self, start_s: f64, end_s: f64, steps: &mut [SubStep; SUB_STEPS]) -> Vec<MotionStep> {
-        let length_s = (end_s - start_s) / SUB_STEPS as f64;
+    fn advance<T: Probe>(&mut self, start_s: f64, end_s: f64, steps: &mut [SubStep]) -> Vec<MotionStep> {
+        let count = steps.len();
+        let length_s = (end_s - start_s) / count as f64;
         let mut truths = Vec::new();
         let records_truth = T::LOOKS && (self.timing.shift_s != 0.0 || self.motion.now().t_s != start_s);
         // At the start of a shift the counted motion so far is the truth.
@@ -254,7 +343,7 @@ impl GyroUnit {
         }
         for (index, step) in steps.iter_mut().enumerate() {
             // The last sub-step ends with the sample, to the last bit.
-            step.end_s = if index + 1 == SUB_STEPS { end_s } else { start_s + (index + 1) as f64 * length_s };
+            step.end_s = if index + 1 == count { end_s } else { start_s + (index + 1) as f64 * length_s };
             step.counted = self.motion.advance(step.end_s - self.timing.shift_s);
             step.counted.length_s = length_s;
             if records_truth {
@@ -271,14 +360,18 @@ impl GyroUnit {
         interval: &Interval,
         steps: &[SubStep],
         truths: &[MotionStep],
-        taps: &mut [T; 4],
-    ) -> [f64; 4] {
-        let (gyros, faults) = (&self.configuration.gyros, &self.faults);
-        let mut storage: [Option<GyroEffects>; 4] = [None; 4];
+        taps: &mut [T],
+    ) -> [f64; MAX_HEADS] {
+        let (gyros, faults, device) = (&self.configuration.gyros, &self.faults, &self.configuration.device);
+        let mut storage: [Option<GyroEffects>; MAX_HEADS] = [None; MAX_HEADS];
         let mut storage = storage.iter_mut();
-        let resolved = std::array::from_fn(|index| {
-            let (storage, gyro) = (storage.next().expect("one for each"), Some(Gyro::ALL[index]));
+        let heads = device.heads.len();
+        let resolved: [ResolvedGyro; MAX_HEADS] = std::array::from_fn(|index| {
+            let (storage, index) = (storage.next().expect("one for each"), index.min(heads - 1));
+            let head = &device.heads[index];
+            let gyro = Some(head.gyro);
             ResolvedGyro {
+                head,
                 computed: self.computed[index],
                 calibration: &gyros[index].calibration,
                 effects: match faults.moves(EffectList::Head, gyro) {
@@ -289,22 +382,24 @@ impl GyroUnit {
                 discovered: &gyros[index].discovered,
             }
         });
-        self.package.count(&resolved, &self.unit, temperatures, steps, truths, taps)
+        self.package.count(&resolved[..heads], &self.unit, temperatures, device.range_arcsec_s, steps, truths, taps)
     }
 
     /// Applies wiring faults to the counts of a sample.
-    fn apply_wiring<T: Probe>(&mut self, interval: &Interval, counts: &mut [f64; 4], taps: &mut [T; 4]) {
-        let wiring: [WiringEffects; 4] = std::array::from_fn(|index| {
-            let configured = self.configuration.gyros[index].wiring.at(interval);
-            self.faults.moved(configured, EffectList::Wiring, Some(Gyro::ALL[index]))
-        });
-        WiringEffects::apply(&wiring, &mut self.wiring, counts, taps);
+    fn apply_wiring<T: Probe>(&mut self, interval: &Interval, counts: &mut [f64], taps: &mut [T]) {
+        let mut wiring = [WiringEffects::default(); MAX_HEADS];
+        for ((wiring, own), head) in
+            wiring.iter_mut().zip(&self.configuration.gyros).zip(&self.configuration.device.heads)
+        {
+            *wiring = self.faults.moved(own.wiring.at(interval), EffectList::Wiring, Some(head.gyro));
+        }
+        WiringEffects::apply(&wiring[..counts.len()], &mut self.wiring, counts, taps);
     }
 
     /// Applies power, self-test and spin-up to counts and validity flags. Returns true if all powered motors are synchronous.
-    fn apply_power<T: Probe>(&mut self, counts: &mut [f64; 4], sample: &mut Sample, taps: &mut [T; 4]) -> bool {
+    fn apply_power<T: Probe>(&mut self, counts: &mut [f64], valid: &mut u8, taps: &mut [T]) -> bool {
         let mut is_synchronous = true;
-        for (index, gyro) in Gyro::ALL.into_iter().enumerate() {
+        for (index, gyro) in self.configuration.device.gyros().enumerate() {
             let counts = &mut counts[index];
             match &mut self.channels[index].power {
                 Power::Off => {
@@ -317,7 +412,7 @@ impl GyroUnit {
                         taps[index].changed(SELF_TEST_COLUMN, f64::from(test.counts));
                     }
                     if *left == 0 {
-                        sample.gyro_flags |= gyro.bit();
+                        *valid |= gyro.bit();
                     } else {
                         is_synchronous = false;
                         *left -= 1;
@@ -351,12 +446,6 @@ impl GyroUnit {
             let samples_left = test.samples_left - 1;
             (samples_left > 0).then_some(SelfTest { samples_left, ..test })
         });
-        for (law, _) in self.faults.on_unit() {
-            if let UnitFault::FlipFlags { gyro_flags, unit_flags } = law {
-                sample.gyro_flags ^= gyro_flags;
-                sample.unit_flags ^= unit_flags;
-            }
-        }
     }
 
     /// Begins a sample: which faults act over it, and when it ends.
@@ -367,14 +456,20 @@ impl GyroUnit {
         self.hold_clean();
     }
 
-    /// Schedules the end of the sample interval that begins: 0.5/(1 + ε) s of true time after its start.
+    /// Schedules the end of the sample interval that begins: 1/(1 + ε) of its nominal length after its start, true time.
     fn schedule_end(&mut self) {
         let start_s = self.start_fs as f64 * 1e-15;
-        let temperatures = self.temperatures(start_s + 0.5 * SAMPLE_INTERVAL_S);
-        let interval = temperatures.interval(start_s, start_s + SAMPLE_INTERVAL_S);
+        let interval_s = self.configuration.device.interval_s;
+        let temperatures = self.temperatures(start_s + 0.5 * interval_s);
+        let interval = temperatures.interval(start_s, start_s + interval_s);
         self.unit = self.faults.moved(self.configuration.unit.at(&interval), EffectList::Unit, None);
         self.timing = self.unit.timing().last().copied().unwrap_or_default();
-        self.end_fs = self.start_fs + (SAMPLE_INTERVAL_FS / (1.0 + self.timing.clock_error)).round() as i128;
+        self.end_fs = self.start_fs + (interval_s * FS / (1.0 + self.timing.clock_error)).round() as i128;
+    }
+
+    /// Sample intervals of a spin-up.
+    fn spin_up_samples(&self) -> u32 {
+        (SPIN_UP_S / self.configuration.device.interval_s).ceil() as u32
     }
 
     fn temperatures(&self, t_s: f64) -> Temperatures {

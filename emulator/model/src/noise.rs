@@ -24,7 +24,7 @@ impl NoiseStream {
     /// ziggurat on the libm crate, so every host draws the same numbers. (rand_distr's calls the host's libm wherever
     /// another crate of the program switches num-traits to std.)
     pub fn new(seed: u64, gyro: Gyro, code: &str) -> NoiseStream {
-        NoiseStream::keyed(seed, gyro as u8, code)
+        NoiseStream::keyed(seed, gyro.index() as u8, code)
     }
 
     /// The stream of an absolute sensor, or of a part of one, by name; no gyro's stream is the same.
@@ -183,7 +183,7 @@ mod tests {
 
     #[test]
     fn the_numbers_are_standard_normal() {
-        let mut stream = NoiseStream::new(1, Gyro::Zb, "test");
+        let mut stream = NoiseStream::new(1, Gyro::ZB, "test");
         let count = 1_000_000;
         let numbers: Vec<f64> = (0..count).map(|_| stream.standard_normal()).collect();
         let n = f64::from(count);

@@ -3,6 +3,7 @@
 use geu_protocol::Gyro;
 
 use crate::attitude::MotionStep;
+use crate::device::{Head, MAX_HEADS};
 use crate::effect::discovered::{self, Term};
 use crate::effect::{
     CALIBRATION_COLUMN, COLUMNS, DISCOVERED_COLUMN, EffectInputs, GyroEffects, GyroSubStep, HeadStates, Probe,
@@ -19,12 +20,18 @@ pub struct Axes {
     pub spin_control: [f64; 3],
 }
 
-const fn axes(input_control: [f64; 3], output_control: [f64; 3]) -> Axes {
-    let ([a, b, c], [x, y, z]) = (input_control, output_control);
-    Axes { input_control, output_control, spin_control: [b * z - c * y, c * x - a * z, a * y - b * x] }
-}
-
 impl Axes {
+    /// Axes with these input and output axes; the output axis is 0 in a gyro that has none, and with it the spin axis.
+    pub const fn new(input_control: [f64; 3], output_control: [f64; 3]) -> Axes {
+        let ([a, b, c], [x, y, z]) = (input_control, output_control);
+        Axes { input_control, output_control, spin_control: [b * z - c * y, c * x - a * z, a * y - b * x] }
+    }
+
+    /// The output axis of a gyro that has one.
+    pub fn output(&self) -> Option<[f64; 3]> {
+        (self.output_control != [0.0; 3]).then_some(self.output_control)
+    }
+
     /// The part of a vector of the control frame about the input axis.
     #[inline]
     pub fn about_input(&self, control: [f64; 3]) -> f64 {
@@ -43,20 +50,20 @@ impl Axes {
         dot(self.spin_control, control)
     }
 
-    /// The axes of `gyro` (Casteren figure 5).
+    /// The axes of `gyro` of the default unit (Casteren figure 5).
     pub const fn of(gyro: Gyro) -> &'static Axes {
         const X: [f64; 3] = [1.0, 0.0, 0.0];
         const Y: [f64; 3] = [0.0, 1.0, 0.0];
         const Z: [f64; 3] = [0.0, 0.0, 1.0];
-        const AXES: [Axes; 4] = [axes(X, Y), axes(Y, X), axes(Z, Y), axes(Z, X)];
-        &AXES[gyro as usize]
+        const AXES: [Axes; 4] = [Axes::new(X, Y), Axes::new(Y, X), Axes::new(Z, Y), Axes::new(Z, X)];
+        &AXES[gyro.index()]
     }
 
     /// True if a gyro with these axes has a number of that name: the projection of the input axis on its
     /// own control axis is unity by definition (Casteren §4).
     pub fn has_number(&self, name: &str) -> bool {
         let own = ["x_arcsec", "y_arcsec", "z_arcsec"].into_iter().zip(self.input_control);
-        own.into_iter().all(|(number, part)| part == 0.0 || number != name)
+        own.into_iter().all(|(number, part)| part.abs() < 1.0 || number != name)
     }
 }
 
@@ -124,17 +131,19 @@ impl ComputedParts {
 }
 
 /// One gyro of the package as it stands over a sample interval.
+#[derive(Clone, Copy)]
 pub struct ResolvedGyro<'a> {
+    pub head: &'a Head,
     pub computed: ComputedParts,
     pub calibration: &'a Calibration,
     pub effects: &'a GyroEffects,
     pub discovered: &'a [Term],
 }
 
-/// The four gyros: what their effects and the unit's remember.
+/// The gyros: what their effects and the unit's remember.
 #[derive(Debug, Clone)]
 pub struct Package {
-    heads: [HeadStates; 4],
+    heads: Vec<HeadStates>,
     unit: UnitStates,
 }
 
@@ -147,8 +156,8 @@ pub struct SubStep {
 
 impl Package {
     /// At the start of a run.
-    pub fn start(seed: u64) -> Package {
-        Package { heads: Gyro::ALL.map(|gyro| HeadStates::start(seed, gyro)), unit: UnitStates::default() }
+    pub fn start(seed: u64, gyros: impl Iterator<Item = Gyro>) -> Package {
+        Package { heads: gyros.map(|gyro| HeadStates::start(seed, gyro)).collect(), unit: UnitStates::default() }
     }
 
     /// Counts one sample: N = (M Δφ + … − D)/SF over its sub-steps, as real numbers; 0 for a gyro that is not counted.
@@ -156,41 +165,46 @@ impl Package {
     #[inline]
     pub fn count<T: Probe>(
         &mut self,
-        gyros: &[ResolvedGyro; 4],
+        gyros: &[ResolvedGyro],
         unit: &UnitEffects,
         temperatures: &Temperatures,
+        full_scale_arcsec_s: f64,
         steps: &[SubStep],
         truths: &[MotionStep],
-        taps: &mut [T; 4],
-    ) -> [f64; 4] {
+        taps: &mut [T],
+    ) -> [f64; MAX_HEADS] {
         let length_s: f64 = steps.iter().map(|step| step.counted.length_s).sum();
         for (gyro, states) in gyros.iter().zip(&mut self.heads).filter(|(gyro, _)| gyro.computed.effects != 0) {
             gyro.effects.begin(states, temperatures, length_s);
         }
         let timings = unit.timing();
         let timing = timings.last().copied().unwrap_or_default();
-        let mut counts = [0.0; 4];
+        let mut counts = [0.0; MAX_HEADS];
+        let mut heads = [GyroSubStep::default(); MAX_HEADS];
+        let heads = &mut heads[..gyros.len()];
         for (index, SubStep { counted: step, end_s }) in steps.iter().enumerate() {
-            let calibrated = |index: usize| match gyros[index].computed.is_counted {
-                true => calibrated(Axes::of(Gyro::ALL[index]), gyros[index].calibration, step),
-                false => GyroSubStep::default(),
-            };
-            let mut heads: [GyroSubStep; 4] = std::array::from_fn(calibrated);
-            if T::LOOKS {
-                look_at_start(taps, &heads, &timings, [truths.get(index).unwrap_or(step), step]);
+            for (head, gyro) in heads.iter_mut().zip(gyros) {
+                *head = match gyro.computed.is_counted {
+                    true => calibrated(gyro, step),
+                    false => GyroSubStep::default(),
+                };
             }
-            unit.apply(&mut self.unit, &mut heads, step, taps);
-            for (index, head) in heads.iter_mut().enumerate().filter(|(index, _)| gyros[*index].computed.is_counted) {
-                let surroundings = EffectInputs { step, axes: Axes::of(Gyro::ALL[index]), temperatures, end_s: *end_s };
+            if T::LOOKS {
+                look_at_start(taps, heads, gyros, &timings, [truths.get(index).unwrap_or(step), step]);
+            }
+            unit.apply(&mut self.unit, heads, gyros, step, taps);
+            let counted = heads.iter_mut().zip(gyros).enumerate().filter(|(_, (_, gyro))| gyro.computed.is_counted);
+            for (index, (head, gyro)) in counted {
+                let surroundings =
+                    EffectInputs { step, axes: &gyro.head.axes, temperatures, end_s: *end_s, full_scale_arcsec_s };
                 let tap = &mut taps[index];
-                if !gyros[index].discovered.is_empty() {
-                    discovered::apply(gyros[index].discovered, head, &surroundings);
+                if !gyro.discovered.is_empty() {
+                    discovered::apply(gyro.discovered, head, &surroundings);
                     if T::LOOKS {
                         tap.after(DISCOVERED_COLUMN, head.counts(&SampleTiming::default()));
                     }
                 }
-                let active = gyros[index].computed.effects;
-                gyros[index].effects.apply(active, &mut self.heads[index], head, &surroundings, tap);
+                gyro.effects.apply(gyro.computed.effects, &mut self.heads[index], head, &surroundings, tap);
                 counts[index] += head.counts(&timing);
                 if T::LOOKS {
                     for (column, timing) in timings.iter().enumerate() {
@@ -205,27 +219,29 @@ impl Package {
 
 /// The head with its calibration alone.
 #[inline]
-fn calibrated(axes: &Axes, calibration: &Calibration, step: &MotionStep) -> GyroSubStep {
+fn calibrated(gyro: &ResolvedGyro, step: &MotionStep) -> GyroSubStep {
+    let ResolvedGyro { head, calibration, .. } = gyro;
     let angle = step.angle_control_arcsec;
     let offset = [calibration.x_arcsec, calibration.y_arcsec, calibration.z_arcsec];
     GyroSubStep {
-        input_arcsec: axes.about_input(angle) + dot(offset, angle) / ARCSEC_PER_RAD,
+        input_arcsec: head.axes.about_input(angle) + dot(offset, angle) / ARCSEC_PER_RAD,
         added_arcsec: 0.0,
         drift_arcsec: calibration.drift_arcsec_per_half_s * (step.length_s / SAMPLE_INTERVAL_S),
-        scale_factor: calibration.scale_factor,
+        scale_factor: calibration.scale_factor * head.count_arcsec,
         added_counts: 0.0,
     }
 }
 
 /// The true angle, then the motion of another time where an effect shifted it, then the calibration.
 fn look_at_start<T: Probe>(
-    taps: &mut [T; 4],
-    heads: &[GyroSubStep; 4],
+    taps: &mut [T],
+    heads: &[GyroSubStep],
+    gyros: &[ResolvedGyro],
     timings: &[SampleTiming; UnitEffects::SPECS.len()],
     [truth, counted]: [&MotionStep; 2],
 ) {
-    for ((tap, head), gyro) in taps.iter_mut().zip(heads).zip(Gyro::ALL) {
-        let axes = Axes::of(gyro);
+    for ((tap, head), gyro) in taps.iter_mut().zip(heads).zip(gyros) {
+        let axes = &gyro.head.axes;
         tap.begin(axes.about_input(truth.angle_control_arcsec));
         if let Some(column) = timings.iter().position(|timing| timing.shift_s != 0.0) {
             tap.after(UNIT_COLUMNS + column, axes.about_input(counted.angle_control_arcsec));

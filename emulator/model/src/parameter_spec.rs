@@ -97,10 +97,18 @@ impl ParameterSpec {
 impl ValueFormat {
     /// `value` as a configuration writes it.
     pub fn written(self, value: f64) -> String {
+        self.written_of(value, &Gyro::ALL)
+    }
+
+    /// `value` as a configuration of a unit with these gyros writes it.
+    pub fn written_of(self, value: f64, gyros: &[Gyro]) -> String {
         match self {
             ValueFormat::Real => format!("{value:?}"),
             ValueFormat::Flag => (value != 0.0).to_string(),
-            ValueFormat::Gyro => format!("{:?}", named_gyro(value).map_or("", Gyro::name)),
+            ValueFormat::Gyro => {
+                let gyro = (value as usize).checked_sub(1).and_then(|index| gyros.get(index));
+                format!("{:?}", gyro.map_or("", |gyro| gyro.name()))
+            }
             ValueFormat::Whole => format!("{value:.0}"),
             ValueFormat::Choice(names) => format!("{:?}", names.get(value as usize).copied().unwrap_or_default()),
         }

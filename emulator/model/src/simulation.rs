@@ -7,7 +7,6 @@ use crate::attitude::{AttitudeRow, Leg, Motion, MotionStep};
 use crate::configuration::Configuration;
 use crate::gyro_unit::{CompletedSample, GyroUnit, Truth};
 use crate::sensor::{SLITS, SlitFix, StarSensor, SunAngles, SunSensor};
-use crate::units::{SAMPLE_INTERVAL_NS, SAMPLE_INTERVAL_S};
 
 /// True attitude and absolute sensors along a truth.
 #[derive(Debug, Clone)]
@@ -87,6 +86,7 @@ pub struct Simulation {
     pub unit: GyroUnit,
     reference: ReferenceSource,
     reference_samples: i64,
+    reference_interval_ns: i64,
 }
 
 impl Simulation {
@@ -97,6 +97,7 @@ impl Simulation {
             unit: GyroUnit::on(configuration, &truth),
             reference: ReferenceSource::new(configuration, &truth),
             reference_samples: 0,
+            reference_interval_ns: configuration.device.reference_interval_ns(),
         }
     }
 
@@ -106,16 +107,16 @@ impl Simulation {
 }
 
 impl Iterator for Simulation {
-    /// A sample, and the references that start before its end. The reference has one every 0.5 s of true time,
+    /// A sample, and the references that start before its end. The reference has one at each of its intervals of true time,
     /// whatever the unit's clock does.
     type Item = (CompletedSample, Vec<ReferenceSample>);
 
     fn next(&mut self) -> Option<Self::Item> {
         let ended = self.unit.end_sample();
         let mut samples = Vec::with_capacity(1);
-        while self.reference_samples * SAMPLE_INTERVAL_NS < ended.end_ns {
+        while self.reference_samples * self.reference_interval_ns < ended.end_ns {
             self.reference_samples += 1;
-            samples.push(self.reference.advance(self.reference_samples as f64 * SAMPLE_INTERVAL_S));
+            samples.push(self.reference.advance((self.reference_samples * self.reference_interval_ns) as f64 * 1e-9));
         }
         Some((ended, samples))
     }

@@ -21,7 +21,7 @@ fn with_terms(terms: &str) -> Configuration {
         .unwrap_or_else(|error| panic!("{error}"))
 }
 
-fn traces(configuration: &Configuration, truth: &Truth, samples: usize) -> Vec<[Trace; 4]> {
+fn traces(configuration: &Configuration, truth: &Truth, samples: usize) -> Vec<Vec<Trace>> {
     let mut unit = GyroUnit::on(configuration, truth);
     let _ = unit.command(&[7, 0]);
     (0..samples).map(|_| unit.end_sample_traced().1).collect()
@@ -86,7 +86,7 @@ fn every_term_adds_the_angle_worked_out_by_hand() {
 #[test]
 fn a_term_follows_the_sensor_that_cools() {
     let configuration = parsed("[gyro.GYRX]\ndiscovered = [{ formula = \"sensor_temperature\", coefficient = 1.0 }]");
-    let change = |row: &[Trace; 4]| row[0].changes[DISCOVERED_COLUMN];
+    let change = |row: &Vec<Trace>| row[0].changes[DISCOVERED_COLUMN];
     let traces = traces(&configuration, &Truth::Scenario, 2401);
     // Warm over the first sample interval; after 1200 s, one time constant, 50 K·(1 − 1/e) below 70 °C.
     assert_eq!(change(&traces[0]), 0.0);

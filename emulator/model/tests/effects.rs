@@ -29,7 +29,7 @@ fn moving() -> Configuration {
     Configuration::parse("moving", MOVING, &[]).unwrap_or_else(|error| panic!("{error}"))
 }
 
-fn traces(configuration: &Configuration) -> impl Iterator<Item = [Trace; 4]> {
+fn traces(configuration: &Configuration) -> impl Iterator<Item = Vec<Trace>> {
     let mut unit = GyroUnit::new(configuration);
     let _ = unit.command(&[7, 0]);
     (0..SAMPLE_INTERVALS).map(move |_| unit.end_sample_traced().1)
@@ -92,7 +92,7 @@ impl Moved {
     fn add_to_gyros(self, configuration: &mut Configuration, share: f64) {
         let name = GyroEffects::default().numbers(self.effect).specs()[self.amplitude].name;
         for gyro in Gyro::ALL.into_iter().filter(|gyro| Axes::of(*gyro).has_number(name)) {
-            self.add(&mut configuration.gyros[gyro as usize].effects, share);
+            self.add(&mut configuration.gyros[gyro.index()].effects, share);
         }
     }
 }
@@ -175,7 +175,8 @@ fn every_number_is_refused_beyond_its_limits_and_taken_at_them() {
                 // Beside it the others at their largest, where every one is good.
                 let table = |value: &str| {
                     let written = |Size { name, form, max, .. }: &Size| {
-                        let other = form.written(*max);
+                        // A number of a gyro: this unit has four.
+                        let other = form.written(if *form == ValueFormat::Gyro { max.min(4.0) } else { *max });
                         format!("{name} = {}", if name == tested { value } else { &other })
                     };
                     let numbers: Vec<String> = numbers.iter().map(written).collect();
@@ -336,7 +337,7 @@ fn small_effects_add_up_to_second_order() {
                 continue;
             }
             let both = PARTS.map(|part| accumulated(&[*first, *second], part));
-            for gyro in Gyro::ALL.map(|gyro| gyro as usize) {
+            for gyro in Gyro::ALL.map(|gyro| gyro.index()) {
                 let [whole, half]: [Vec<f64>; 2] = [0, 1].map(|part| {
                     let [both, first, second] = [&both, &alone[a], &alone[b]].map(|runs| &runs[part][gyro]);
                     (0..SAMPLE_INTERVALS).map(|row| both[row] - first[row] - second[row] + plain[gyro][row]).collect()

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use geu_model::Configuration;
 use geu_model::configuration::fault::{MAX_FAULTS, read_plan_text};
+use geu_model::device::Device;
 use geu_model::fault::Fault;
 use geu_model::fault::catalogue::Transport;
 use nix::time::{ClockId, clock_gettime};
@@ -35,7 +36,7 @@ fn too_many_faults_are_refused_before_one_is_read() {
     let mut configuration = Configuration::reference();
     let in_file = Configuration::parse("file", &many, &[]).expect_err("too many").message;
     let in_plan = configuration.add_plan("plan", &many).expect_err("too many").message;
-    let live = read_plan_text("plan", &many, &[], &Transport::ALL).expect_err("too many").message;
+    let live = read_plan_text(&Device::iras(), "plan", &many, &[], &Transport::ALL).expect_err("too many").message;
     for refused in [in_file, in_plan, live] {
         assert_eq!(refused, format!("expected at most {MAX_FAULTS} faults, got 100001"));
     }
@@ -64,11 +65,12 @@ fn ten_times_as_many_faults_take_about_ten_times_as_long() {
 #[test]
 fn identifiers_are_made_up_as_ever() {
     let read = |others: &[Fault], text: &str| -> Vec<String> {
-        let faults = read_plan_text("plan", text, others, &Transport::ALL).expect("valid");
+        let faults = read_plan_text(&Device::iras(), "plan", text, others, &Transport::ALL).expect("valid");
         faults.into_iter().map(|fault| fault.id).collect()
     };
     let others =
-        read_plan_text("plan", "[[fault]]\nid = \"fault-2\"\nfault = \"drop\"", &[], &Transport::ALL).expect("valid");
+        read_plan_text(&Device::iras(), "plan", "[[fault]]\nid = \"fault-2\"\nfault = \"drop\"", &[], &Transport::ALL)
+            .expect("valid");
     let named = "[[fault]]\nid = \"fault-3\"\nfault = \"drop\"\n";
     assert_eq!(read(&others, &[DROP, DROP, named, DROP].concat()), ["fault-1", "fault-4", "fault-3", "fault-5"]);
 }
@@ -78,7 +80,7 @@ fn a_message_lists_few_of_many_faults_and_offers_the_likeliest() {
     let many: String =
         (1..=900).map(|number| format!("[[fault]]\nid = \"valve-{number}\"\nfault = \"drop\"\n")).collect();
     let asking = format!("{many}[[fault]]\nfault = \"drop\"\nwhen = \"active(valv-900)\"\n");
-    let refused = read_plan_text("plan", &asking, &[], &Transport::ALL).expect_err("unknown").message;
+    let refused = read_plan_text(&Device::iras(), "plan", &asking, &[], &Transport::ALL).expect_err("unknown").message;
     assert!(refused.contains("did you mean `valve-900`?") && refused.contains("and 871 more"), "{refused}");
     assert!(refused.len() < 1000, "{refused}");
 }
@@ -95,8 +97,9 @@ fn names_in_a_fault_that_are_none_are_refused_with_the_likeliest() {
         ),
         ("fault = \"drop\"\nprobabilty = 0.5", "probability"),
     ] {
-        let refused =
-            read_plan_text("plan", &format!("[[fault]]\n{text}\n"), &[], &Transport::ALL).expect_err(text).message;
+        let refused = read_plan_text(&Device::iras(), "plan", &format!("[[fault]]\n{text}\n"), &[], &Transport::ALL)
+            .expect_err(text)
+            .message;
         assert!(refused.contains(&format!("did you mean `{meant}`?")), "{refused}");
     }
 }

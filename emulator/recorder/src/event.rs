@@ -6,7 +6,7 @@ use std::sync::Arc;
 use geu_model::fault::Fault;
 use geu_model::fault::engine::{ActiveFault, FaultEvent};
 use geu_model::{CompletedSample, InjectionRecord, Trace};
-use geu_protocol::{Reply, Sample};
+use geu_protocol::Reply;
 
 /// Approximate size of a fault in memory, with its conditions and texts.
 const FAULT_BYTES: usize = 2048;
@@ -15,7 +15,7 @@ const FAULT_BYTES: usize = 2048;
 #[derive(Clone)]
 pub enum UnitEvent {
     /// A sample ended, with the faults that acted on it.
-    Sample(CompletedSample, Box<[Trace; 4]>, Option<Arc<InjectionRecord>>),
+    Sample(CompletedSample, Vec<Trace>, Option<Arc<InjectionRecord>>),
     /// A command came over a link within the running sample interval. `reply` is an error with the suppressed reply if a
     /// fault silences the unit.
     Command {
@@ -43,7 +43,7 @@ pub enum UnitEvent {
 #[derive(Clone)]
 pub struct PolledSample {
     pub link: String,
-    pub sample: Sample,
+    pub sample: CompletedSample,
     pub reply: Reply,
     /// Scheduled end, its time stamp.
     pub end_ns: i64,
@@ -61,7 +61,7 @@ impl UnitEvent {
             injected.as_ref().map_or(0, |injected| size_of::<InjectionRecord>() + size_of_val(&injected.acting[..]))
         };
         let more = match self {
-            UnitEvent::Sample(_, traces, injected) => size_of_val(&**traces) + of_injected(injected),
+            UnitEvent::Sample(_, traces, injected) => size_of_val(&traces[..]) + of_injected(injected),
             UnitEvent::Command { link, payload, .. } => link.len() + payload.len(),
             UnitEvent::Polled(polled) => polled.link.len(),
             UnitEvent::Happened(_) | UnitEvent::Injected(_) => FAULT_BYTES,
@@ -91,7 +91,7 @@ mod tests {
         let acting = unit.faults().acting().clone();
         let injected = unit.injected().cloned();
         assert_eq!(acting.len(), 1000);
-        let sample = UnitEvent::Sample(ended, Box::new(traces), injected);
+        let sample = UnitEvent::Sample(ended, traces, injected);
         assert!(sample.bytes() > 1000 * size_of::<ActiveFault>(), "{}", sample.bytes());
         let (link, payload, reply) = ("tcp".to_owned(), vec![1], unit.command(&[1]).map(|answer| answer.reply));
         let command = UnitEvent::Command { link, payload, running_end_ns: 0, reply, acting };

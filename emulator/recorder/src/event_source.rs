@@ -7,7 +7,7 @@ use std::vec;
 use geu_model::configuration::RecordedCommand;
 use geu_model::fault::engine::ActiveFault;
 use geu_model::{CompletedSample, Configuration, GyroUnit, Truth};
-use geu_protocol::{Reply, Sample};
+use geu_protocol::Reply;
 
 use crate::event::{PolledSample, UnitEvent};
 
@@ -25,7 +25,7 @@ pub struct CommandResponse {
     /// `None` if a fault silences the unit.
     pub reply: Option<Reply>,
     /// The sample that follows the reply.
-    pub polled: Option<Sample>,
+    pub polled: Option<CompletedSample>,
     /// The faults of the running sample interval.
     pub acting: Arc<Vec<ActiveFault>>,
 }
@@ -73,7 +73,7 @@ impl EventSource {
     /// Ends the running sample; adds it and the events of faults to `events`.
     pub fn end_sample(&mut self, events: &mut Vec<UnitEvent>) -> CompletedSample {
         let (ended, traces) = self.unit.end_sample_traced();
-        events.push(UnitEvent::Sample(ended, Box::new(traces), self.unit.injected().cloned()));
+        events.push(UnitEvent::Sample(ended, traces, self.unit.injected().cloned()));
         self.ended(ended, events)
     }
 

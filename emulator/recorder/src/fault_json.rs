@@ -1,16 +1,16 @@
 //! Faults as JSON, in `faults.jsonl` and in the control interface.
 
 use geu_model::configuration::fault::fault_text;
+use geu_model::device::Device;
 use geu_model::fault::Fault;
 use geu_model::fault::engine::FaultEvent;
 use geu_model::fault::expectation::ExpectationResult;
-use geu_model::units::on_board_s;
 use serde_json::{Value, json};
 use toml_edit::Value as TomlValue;
 
-/// The keys of a fault, as the control interface accepts them.
-pub fn keys(fault: &Fault) -> Value {
-    let document: toml_edit::DocumentMut = fault_text(fault).parse().expect("written as TOML");
+/// The keys of a fault of a unit, as the control interface accepts them.
+pub fn keys(device: &Device, fault: &Fault) -> Value {
+    let document: toml_edit::DocumentMut = fault_text(device, fault).parse().expect("written as TOML");
     let keys = document.iter().map(|(key, item)| (key, from_toml(item.as_value().expect("a fault has no tables"))));
     keys.collect()
 }
@@ -27,8 +27,8 @@ fn from_toml(value: &TomlValue) -> Value {
 }
 
 /// An event of a fault or an expectation at the start of sample `sample`.
-pub fn event(sample: u64, event: &FaultEvent) -> Value {
-    let t_s = on_board_s(sample);
+pub fn event(device: &Device, sample: u64, event: &FaultEvent) -> Value {
+    let t_s = device.on_board_s(sample);
     match event {
         FaultEvent::Started(fault) => json!({
             "what": "start", "t_s": t_s, "half_second": sample, "id": fault.id, "trigger": fault.trigger(),
@@ -49,11 +49,11 @@ fn verdict(result: &ExpectationResult) -> &'static str {
 }
 
 /// Kind and text of the event's line in the timeline.
-pub fn kind_and_text(event: &FaultEvent) -> (&'static str, String) {
+pub fn kind_and_text(device: &Device, event: &FaultEvent) -> (&'static str, String) {
     match event {
         FaultEvent::Started(fault) => ("fault-start", format!("{} active: {}", fault.id, fault.action.name())),
         FaultEvent::Ended(fault, samples) => {
-            ("fault-end", format!("{} ended after {} s", fault.id, on_board_s(*samples)))
+            ("fault-end", format!("{} ended after {} s", fault.id, device.on_board_s(*samples)))
         }
         FaultEvent::Decided(monitor) => {
             let expectation = &monitor.expectation;

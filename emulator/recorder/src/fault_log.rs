@@ -14,13 +14,14 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::path::Path;
+use std::sync::Arc;
 
+use geu_model::device::Device;
 use geu_model::fault::catalogue::Transport;
 use geu_model::fault::engine::{ActiveFault, FaultEvent};
-use geu_model::units::on_board_s;
 use geu_model::{CompletedSample, InjectionRecord};
+use geu_protocol::Reply;
 use geu_protocol::command::hex;
-use geu_protocol::{Reply, Sample};
 use serde_json::{Value, json};
 
 use crate::event::{PolledSample, UnitEvent};
@@ -30,6 +31,7 @@ use crate::output::{Output, RecordError};
 
 pub(crate) struct FaultLog {
     pub file: Output,
+    device: Arc<Device>,
     /// The links to compare.
     models: Vec<LinkModel>,
     /// Number of samples that each fault touched since its start.
@@ -43,7 +45,7 @@ struct SentSample<'a> {
     sequence: u16,
     is_polled: bool,
     /// The sample without faults; `None` if none would be sent.
-    clean: Option<&'a Sample>,
+    clean: Option<&'a CompletedSample>,
     after: Vec<Transmission>,
     /// Identifiers of the faults that act on it.
     ids: Vec<&'a str>,
@@ -56,12 +58,18 @@ fn seconds(time_ns: i64) -> f64 {
 
 impl FaultLog {
     /// Creates the file for the links that are open, and the recorded one.
-    pub fn create(directory: &Path, recorded: &LinkModel, links: &[LinkModel]) -> Result<FaultLog, RecordError> {
+    pub fn create(
+        directory: &Path,
+        device: &Arc<Device>,
+        recorded: &LinkModel,
+        links: &[LinkModel],
+    ) -> Result<FaultLog, RecordError> {
         let mut models = links.to_vec();
         if !models.iter().any(|model| model.kind == recorded.kind) {
             models.push(recorded.clone());
         }
-        Ok(FaultLog { file: Output::create(directory, "faults.jsonl")?, models, touched: BTreeMap::new() })
+        let file = Output::create(directory, "faults.jsonl")?;
+        Ok(FaultLog { file, device: device.clone(), models, touched: BTreeMap::new() })
     }
 
     /// Writes the lines of an event in sample interval `frame`.
@@ -72,18 +80,18 @@ impl FaultLog {
             UnitEvent::Polled(polled) => return self.polled(frame.saturating_sub(1), polled),
             UnitEvent::Command { link, payload, reply, acting, .. } => self.reply(frame, link, payload, *reply, acting),
             UnitEvent::Missed { frame } => {
-                Some(json!({ "what": "missed", "t_s": on_board_s(frame + 1), "half_second": frame }))
+                Some(json!({ "what": "missed", "t_s": self.device.on_board_s(frame + 1), "half_second": frame }))
             }
             UnitEvent::Happened(event) => {
-                let mut line = fault_json::event(frame, event);
+                let mut line = fault_json::event(&self.device, frame, event);
                 if let FaultEvent::Ended(fault, _) = event {
                     line["touched"] = json!(self.touched.remove(&fault.id).unwrap_or(0));
                 }
                 Some(line)
             }
             UnitEvent::Injected(fault) => Some(json!({
-                "what": "injected", "t_s": on_board_s(frame), "half_second": frame, "id": fault.id,
-                "keys": fault_json::keys(fault),
+                "what": "injected", "t_s": self.device.on_board_s(frame), "half_second": frame, "id": fault.id,
+                "keys": fault_json::keys(&self.device, fault),
             })),
             UnitEvent::StartedByHand { id, at_s } => {
                 Some(json!({ "what": "started-by-hand", "t_s": at_s, "half_second": frame, "id": id }))
@@ -99,7 +107,7 @@ impl FaultLog {
 
     /// A sample that ended while faults acted.
     fn sample(&mut self, frame: u64, ended: &CompletedSample, injected: &InjectionRecord) -> Result<(), RecordError> {
-        let sample = Some(&ended.sample).filter(|_| ended.cyclic);
+        let sample = Some(ended).filter(|_| ended.cyclic);
         let mut touched = BTreeSet::new();
         for model in self.models.clone() {
             let ids = model.touching(&injected.acting);
@@ -108,7 +116,7 @@ impl FaultLog {
                 frame,
                 sequence: ended.sample.sequence,
                 is_polled: false,
-                clean: Some(&injected.clean).filter(|_| injected.is_clean_cyclic),
+                clean: Some(&injected.clean).filter(|clean| clean.cyclic),
                 after: model.carry(sample, frame, &injected.acting),
                 ids: ids.clone(),
             })?;
@@ -132,7 +140,7 @@ impl FaultLog {
         let is_different = self.compare(SentSample {
             model: &model,
             frame,
-            sequence: sample.sequence,
+            sequence: sample.sample.sequence,
             is_polled: true,
             clean: Some(injected.map_or(sample, |injected| &injected.clean)),
             after,
@@ -164,7 +172,7 @@ impl FaultLog {
             return Ok(false);
         }
         let transmission = |transmission: &Transmission| {
-            let late_s = on_board_s(transmission.frame - frame) + seconds(transmission.after_ns);
+            let late_s = self.device.on_board_s(transmission.frame - frame) + seconds(transmission.after_ns);
             let mut line = json!({ "late_s": late_s, "bytes": transmission.content.to_string() });
             if transmission.more_fragments {
                 line["goes_on"] = json!(true);
@@ -172,7 +180,7 @@ impl FaultLog {
             line
         };
         let mut line = json!({
-            "what": "bytes", "t_s": on_board_s(frame + 1), "half_second": frame, "sequence": sequence,
+            "what": "bytes", "t_s": self.device.on_board_s(frame + 1), "half_second": frame, "sequence": sequence,
             "link": model.kind.name(), "ids": ids,
             "before": before.iter().map(WireData::to_string).collect::<Vec<_>>(),
             "after": after.iter().map(transmission).collect::<Vec<Value>>(),
@@ -203,7 +211,7 @@ impl FaultLog {
         let on_unit = acting.iter().filter(|acting| acting.silences_unit());
         let ids: Vec<&str> = on_unit.chain(on_link.map(|it| it.acting)).map(|it| it.fault.id.as_str()).collect();
         Some(json!({
-            "what": "reply", "t_s": on_board_s(frame), "half_second": frame, "link": model.kind.name(), "ids": ids,
+            "what": "reply", "t_s": self.device.on_board_s(frame), "half_second": frame, "link": model.kind.name(), "ids": ids,
             "command": hex(command), "before": before.to_string(),
             "after": after.as_ref().map(|transmission| transmission.content.to_string()),
             "late_s": after.as_ref().map(|transmission| seconds(transmission.after_ns)),

@@ -2,6 +2,7 @@
 
 use geu_model::Configuration;
 use geu_model::configuration::LinkLogFormat;
+use geu_model::device::Device;
 use geu_model::fault::catalogue::Transport;
 use geu_protocol::CanIdMap;
 use geu_protocol::serial::DEFAULT_BAUD;
@@ -10,22 +11,20 @@ use crate::link_model::{Encoding, LinkModel};
 
 /// Encoding of a link.
 fn wire_of(model: &LinkModel) -> LinkLogFormat {
-    match model.encoding {
-        Encoding::Can(_) => LinkLogFormat::Can,
-        Encoding::Serial { .. } => LinkLogFormat::Serial,
-    }
+    if model.encoding.is_can() { LinkLogFormat::Can } else { LinkLogFormat::Serial }
 }
 
-/// The encoding recorded beside links: the requested one, else that of the first link.
-pub fn wire_beside(asked: Option<LinkLogFormat>, links: &[LinkModel]) -> LinkLogFormat {
-    asked.or(links.first().map(wire_of)).unwrap_or_default()
+/// The encoding recorded beside links: the requested one, else that of the first link, else one that the unit has.
+pub fn wire_beside(asked: Option<LinkLogFormat>, links: &[LinkModel], device: &Device) -> LinkLogFormat {
+    let only = if device.serial.is_some() && device.can.is_none() { LinkLogFormat::Serial } else { LinkLogFormat::Can };
+    asked.or(links.first().map(wire_of)).unwrap_or(only)
 }
 
 /// The recorded link: the first with this encoding among `links`, else a default one.
 pub fn recorded(wire: LinkLogFormat, configuration: &Configuration, links: &[LinkModel]) -> LinkModel {
     let default = || match wire {
-        LinkLogFormat::Can => LinkModel::can(can_plan(configuration)),
-        LinkLogFormat::Serial => LinkModel::serial(Transport::Pty),
+        LinkLogFormat::Can => LinkModel::of(&configuration.device, Transport::Can, None, Some(can_plan(configuration))),
+        LinkLogFormat::Serial => LinkModel::of(&configuration.device, Transport::Pty, None, None),
     };
     links.iter().find(|model| wire_of(model) == wire).cloned().unwrap_or_else(default)
 }
@@ -40,10 +39,9 @@ pub(crate) fn without_links(configuration: &Configuration) -> Vec<LinkModel> {
         kinds.sort_unstable();
         kinds.dedup();
     }
-    let model = |kind| match (kind, run.serial_baud) {
-        (Transport::Can, _) => LinkModel::can(can_plan(configuration)),
-        (Transport::Serial, Some(baud)) => LinkModel { kind, encoding: Encoding::Serial { baud } },
-        (kind, _) => LinkModel::serial(kind),
+    let model = |kind| {
+        let baud = run.serial_baud.filter(|_| kind == Transport::Serial);
+        LinkModel::of(&configuration.device, kind, baud, Some(can_plan(configuration)))
     };
     kinds.into_iter().map(model).collect()
 }
@@ -65,17 +63,15 @@ fn can_plan(configuration: &Configuration) -> CanIdMap {
 
 /// Baud rate of the serial port among the links, unless it is the default.
 pub(crate) fn serial_baud(links: &[LinkModel]) -> Option<u32> {
-    links.iter().find_map(|model| match model.encoding {
-        Encoding::Serial { baud } if model.kind == Transport::Serial && baud != DEFAULT_BAUD => Some(baud),
-        _ => None,
-    })
+    let ports = links.iter().filter(|model| model.kind == Transport::Serial);
+    ports.filter_map(|model| model.encoding.baud()).find(|baud| *baud != DEFAULT_BAUD)
 }
 
 /// CAN base of the recorded link, else of the first CAN link, unless it is the default.
 pub(crate) fn can_base(recorded: &LinkModel, links: &[LinkModel]) -> Option<u16> {
     let base = std::iter::once(recorded).chain(links).find_map(|model| match model.encoding {
         Encoding::Can(plan) => Some(plan.base()),
-        Encoding::Serial { .. } => None,
+        _ => None,
     });
     base.filter(|&base| base != CanIdMap::default().base())
 }

@@ -7,14 +7,11 @@ use std::sync::Arc;
 
 use geu_model::attitude::{Leg, StreamedAttitude};
 use geu_model::simulation::ReferenceSource;
-use geu_model::units::{RAD_PER_DEG, SAMPLE_INTERVAL_NS};
+use geu_model::units::RAD_PER_DEG;
 use geu_model::{Configuration, Truth};
 
 use crate::output::{Output, RecordError, stamp};
 use crate::received;
-
-/// Spacing of `reference.csv`, true time, ns.
-const REFERENCE_NS: i64 = SAMPLE_INTERVAL_NS;
 
 /// `received.csv`, for a truth received during the run.
 struct Received {
@@ -34,6 +31,8 @@ pub(crate) struct ReferenceFiles {
     /// Evaluated at true sample intervals.
     source: ReferenceSource,
     rows: i64,
+    /// Spacing of `reference.csv`, true time, ns.
+    interval_ns: i64,
     /// Legs that have begun and are not written yet, in order.
     legs: VecDeque<Leg>,
     /// True once the headers that depend on the sun are written.
@@ -65,6 +64,7 @@ impl ReferenceFiles {
             start_unix_ns: configuration.start_unix_ns,
             source: ReferenceSource::new(configuration, truth),
             rows: 0,
+            interval_ns: configuration.device.reference_interval_ns(),
             legs: VecDeque::new(),
             has_truth_headers: false,
             end_ns: 0,
@@ -98,7 +98,7 @@ impl ReferenceFiles {
             // One sample late: the truth after the end of this one may not be known yet.
             self.received_rows()?;
         }
-        while self.received.is_none() && self.rows * REFERENCE_NS < end_ns {
+        while self.received.is_none() && self.rows * self.interval_ns < end_ns {
             self.row()?;
         }
         self.end_ns = end_ns;
@@ -127,7 +127,7 @@ impl ReferenceFiles {
         let knots = truth.knots_from(*written);
         *written += knots.len() as u64;
         output.write(|file| knots.iter().try_for_each(|knot| received::write_row(file, knot)))?;
-        while (self.rows + 1) * REFERENCE_NS <= self.end_ns {
+        while (self.rows + 1) * self.interval_ns <= self.end_ns {
             self.row()?;
         }
         Ok(())
@@ -144,7 +144,7 @@ impl ReferenceFiles {
 
     fn row(&mut self) -> Result<(), RecordError> {
         self.rows += 1;
-        let end_ns = self.rows * REFERENCE_NS;
+        let end_ns = self.rows * self.interval_ns;
         let sample = self.source.advance(end_ns as f64 * 1e-9);
         let end = stamp(self.start_unix_ns + end_ns);
         self.reference.write(|file| {

@@ -11,7 +11,6 @@ use std::path::{Path, PathBuf};
 
 use geu_model::Configuration;
 use geu_model::configuration::RecordedCommand;
-use geu_model::units::on_board_s;
 use geu_protocol::excerpt::excerpt;
 use geu_protocol::hex::read_hex;
 use serde_json::Value;
@@ -92,7 +91,7 @@ pub fn complete(configuration: &mut Configuration, directory: &Path) -> Result<(
     let run = &mut configuration.run;
     let path = directory.join(truth_csv::NAME);
     let refused = |problem| UnfinishedError { path: path.clone(), needed: "duration", problem };
-    let samples = open_input(&path).and_then(truth_csv::samples);
+    let samples = open_input(&path).and_then(|file| truth_csv::samples(file, configuration.device.heads.len()));
     let samples = samples.map_err(|error| refused(format!("cannot be read: {error}")))?;
     if samples == 0 {
         return Err(refused("expected at least one sample, got none".to_owned()));
@@ -101,7 +100,7 @@ pub fn complete(configuration: &mut Configuration, directory: &Path) -> Result<(
     let refused = |problem| UnfinishedError { path: path.clone(), needed: "commands", problem };
     let file = open_input(&path).map_err(|error| refused(format!("cannot be read: {error}")))?;
     run.commands = read_commands(BufReader::new(file)).map_err(refused)?;
-    run.duration_s = on_board_s(samples);
+    run.duration_s = configuration.device.on_board_s(samples);
     (run.is_unfinished, run.ended_early) = (false, None);
     Ok(())
 }

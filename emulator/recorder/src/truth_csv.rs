@@ -8,9 +8,9 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader, Write};
 use std::path::Path;
 
+use geu_model::device::Device;
 use geu_model::effect::{FAULT_COLUMN, columns};
 use geu_model::{CompletedSample, Trace};
-use geu_protocol::Gyro;
 
 use crate::output::{Output, RecordError};
 
@@ -45,16 +45,22 @@ impl TruthCsv {
     }
 
     /// Writes the rows of a sample with its time stamp.
-    pub fn rows(&mut self, stamp: &str, ended: &CompletedSample, traces: &[Trace; 4]) -> Result<(), RecordError> {
+    pub fn rows(
+        &mut self,
+        device: &Device,
+        stamp: &str,
+        ended: &CompletedSample,
+        traces: &[Trace],
+    ) -> Result<(), RecordError> {
         let sample = &ended.sample;
         let row_start = format!("{stamp},{},", sample.sequence);
         let columns = &self.columns;
         // Shortest digits that read back exactly, so that the columns add up; `write!` is too slow for this.
         let (mut digits, mut whole) = (zmij::Buffer::new(), itoa::Buffer::new());
         self.output.write(|file| {
-            for (gyro, trace) in Gyro::ALL.into_iter().zip(traces) {
+            for ((head, counts), trace) in device.heads.iter().zip(ended.outputs.counts).zip(traces) {
                 file.write_all(row_start.as_bytes())?;
-                file.write_all(gyro.name().as_bytes())?;
+                file.write_all(head.gyro.name().as_bytes())?;
                 let changes = columns.iter().map(|&column| match column {
                     FAULT_COLUMN => trace.changes[FAULT_COLUMN] + without_column(trace, columns),
                     column => trace.changes[column],
@@ -64,7 +70,10 @@ impl TruthCsv {
                     file.write_all(digits.format(number).as_bytes())?;
                 }
                 file.write_all(b",")?;
-                file.write_all(whole.format(sample.increments[gyro as usize]).as_bytes())?;
+                match head.is_rounded {
+                    true => file.write_all(whole.format(counts as i64).as_bytes())?,
+                    false => file.write_all(digits.format(counts).as_bytes())?,
+                }
                 file.write_all(b"\n")?;
             }
             Ok(())
@@ -100,8 +109,8 @@ impl TruthCsv {
     }
 }
 
-/// Number of samples with at least part of a row.
-pub(crate) fn samples(file: File) -> io::Result<u64> {
+/// Number of samples with at least part of a row, of a unit with this number of heads.
+pub(crate) fn samples(file: File, heads: usize) -> io::Result<u64> {
     let (mut file, mut rows, mut is_within_row) = (BufReader::with_capacity(CHUNK, file), 0, false);
     loop {
         let bytes = file.fill_buf()?;
@@ -111,7 +120,7 @@ pub(crate) fn samples(file: File) -> io::Result<u64> {
         file.consume(length);
     }
     // Minus the header.
-    Ok((rows + u64::from(is_within_row)).saturating_sub(1).div_ceil(Gyro::ALL.len() as u64))
+    Ok((rows + u64::from(is_within_row)).saturating_sub(1).div_ceil(heads as u64))
 }
 
 /// Sum of the contributions without a column: of effects that only a fault enables.

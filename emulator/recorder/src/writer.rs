@@ -6,7 +6,6 @@ use std::path::PathBuf;
 
 use geu_model::configuration::{EndedEarly, LinkLogFormat, RunRecord};
 use geu_model::fault::Fault;
-use geu_model::units::on_board_s;
 use geu_model::{CompletedSample, Configuration, InjectionRecord, Trace, Truth};
 use geu_protocol::command::hex;
 use serde_json::json;
@@ -93,10 +92,10 @@ impl Recorder {
             _lock: lock,
             configuration: configuration.clone(),
             wire,
-            faults: FaultLog::create(directory, &model, &links)?,
+            faults: FaultLog::create(directory, &configuration.device, &model, &links)?,
             model,
             links,
-            queue: TransmitQueue::default(),
+            queue: TransmitQueue::new(configuration.device.interval_ns()),
             samples: 0,
             end_ns: 0,
             is_run_outdated: false,
@@ -156,7 +155,7 @@ impl Recorder {
     fn sample(
         &mut self,
         ended: &CompletedSample,
-        traces: &[Trace; 4],
+        traces: &[Trace],
         injected: Option<&InjectionRecord>,
     ) -> Result<(), RecordError> {
         if !self.configuration.run.injected.is_empty() && !self.truth.has_fault_column() {
@@ -164,12 +163,13 @@ impl Recorder {
             self.truth.add_fault_column(&self.directory)?;
         }
         let frame = self.samples;
-        let sample = Some(&ended.sample).filter(|_| ended.cyclic);
+        let sample = Some(ended).filter(|_| ended.cyclic);
         let transmissions = self.model.carry(sample, frame, injected.map_or(&[], |injected| &injected.acting));
         self.queue.put(transmissions, frame, ended.end_ns);
         self.write_due(ended.end_ns)?;
         self.samples += 1;
-        self.truth.rows(&stamp(self.configuration.start_unix_ns + ended.end_ns), ended, traces)?;
+        let stamp = stamp(self.configuration.start_unix_ns + ended.end_ns);
+        self.truth.rows(&self.configuration.device, &stamp, ended, traces)?;
         self.end_ns = ended.end_ns;
         self.reference.sample(ended.end_ns)
     }
@@ -190,7 +190,7 @@ impl Recorder {
 
     fn command(&mut self, link: &str, payload: &[u8], running_end_ns: i64) -> Result<(), RecordError> {
         let line = json!({
-            "half_second": self.samples, "on_board_s": on_board_s(self.samples),
+            "half_second": self.samples, "on_board_s": self.configuration.device.on_board_s(self.samples),
             "half_second_end_s": running_end_ns as f64 * 1e-9, "link": link, "bytes": hex(payload),
         });
         self.commands.write(|file| writeln!(file, "{line}"))
@@ -225,7 +225,7 @@ impl Recorder {
         let mut configuration =
             run_at_start(&self.configuration, self.wire, &self.model, &self.links, self.is_received);
         let run = &mut configuration.run;
-        run.duration_s = on_board_s(self.samples);
+        run.duration_s = self.configuration.device.on_board_s(self.samples);
         (run.is_unfinished, run.ended_early) = (is_unfinished, ended_early);
         let commands = Some(&*self.commands.path).filter(|_| !is_unfinished);
         run_toml::write(&self.directory, &configuration, commands)
@@ -271,7 +271,7 @@ fn run_at_start(
     // Without faults the open links do not matter.
     let links = if configuration.faults.is_empty() { &[][..] } else { links };
     configuration.run = RunRecord {
-        duration_s: on_board_s(0),
+        duration_s: 0.0,
         wire: Some(wire),
         links: links.iter().map(|model| model.kind).collect(),
         serial_baud: links::serial_baud(links),

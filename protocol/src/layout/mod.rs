@@ -64,6 +64,8 @@ pub struct ValueSpec {
     pub quantity: Quantity,
     /// Name of its column in a table, unit last.
     pub name: String,
+    /// Size of its unit: arcsec, arcsec/s, s, °C or counts.
+    pub factor: f64,
 }
 
 /// Frames of a link, and the values of a sample that their fields carry.

@@ -83,7 +83,7 @@ impl InjectedEffect {
     pub fn gyros(&self) -> Gyros {
         let mut gyros = self.hypothesis.gyros;
         if let Some(other) = self.hypothesis.amplitude.gyro_named(self.hypothesis.value) {
-            gyros[other as usize] = true;
+            gyros[other.index()] = true;
         }
         gyros
     }
@@ -143,7 +143,7 @@ impl InjectedEffect {
         let hypothesis = Hypothesis::from_numbers(code, text("formula"), gyros, parameter);
         let mut hypothesis = hypothesis.ok_or(("code", "a code and parameters of the model, within their limits"))?;
         if let Some(other) = hypothesis.amplitude.gyro_named(hypothesis.value) {
-            hypothesis.gyros[other as usize] = false;
+            hypothesis.gyros[other.index()] = false;
         }
         let nearest = table
             .get("nearest")

@@ -160,7 +160,7 @@ impl<'a> TrialGenerator<'a> {
             let available = amplitude.gyros();
             let gyros = match amplitude.is_of_unit() || on_all && available == ALL_GYROS {
                 true => ALL_GYROS,
-                false if available[gyro as usize] => only(gyro as usize),
+                false if available[gyro.index()] => only(gyro.index()),
                 false => return None,
             };
             let is_negative = amplitude.number().min < 0.0 && self.random.random::<bool>();
@@ -194,7 +194,7 @@ impl<'a> TrialGenerator<'a> {
                 (0..factors).map(|_| Regressor::ALL[self.random.random_range(0..Regressor::COUNT)]).collect();
             let amplitude = AmplitudeRef::term(Formula::new(&regressors).ok()?);
             let (gyro, sign) = (self.gyro(), if self.random.random::<bool>() { 1.0 } else { -1.0 });
-            let hypothesis = Hypothesis::constant(amplitude, 0.0, only(gyro as usize));
+            let hypothesis = Hypothesis::constant(amplitude, 0.0, only(gyro.index()));
             self.motion.scaled(hypothesis, Origin::Unknown, sign, strength)
         })?;
         Some(InjectedEffect { nearest: self.motion.nearest(&found.hypothesis), ..found })
@@ -203,13 +203,13 @@ impl<'a> TrialGenerator<'a> {
     /// Draws a noise of one gyro above the configured level; `None` if the unit has no such noise.
     fn noise(&mut self) -> Option<InjectedEffect> {
         let (gyro, factor) = (self.gyro(), self.log_between(NOISE_FACTOR));
-        let configured = &self.motion.nominal.gyros[gyro as usize].effects.constant;
+        let configured = &self.motion.nominal.gyros[gyro.index()].effects.constant;
         let value = |effect: usize| configured.numbers(effect).value(0);
         let is_present = |effect: &usize| configured.is_noise(*effect) && value(*effect) > 0.0;
         let noises: Vec<usize> = (0..GyroEffects::SPECS.len()).filter(is_present).collect();
         let effect = *noises.get(self.random.random_range(0..noises.len().max(1)))?;
         let amplitude = AmplitudeRef::new(ParameterRef { list: EffectList::Head, effect, number: 0 }, None);
-        let hypothesis = Hypothesis::constant(amplitude, value(effect) * factor, only(gyro as usize));
+        let hypothesis = Hypothesis::constant(amplitude, value(effect) * factor, only(gyro.index()));
         Some(self.without_signature(hypothesis, Origin::Noise))
     }
 
@@ -218,16 +218,16 @@ impl<'a> TrialGenerator<'a> {
         let gyro = self.gyro();
         let effect = self.random.random_range(0..WiringEffects::SPECS.len());
         let constant = AmplitudeRef::new(ParameterRef { list: EffectList::Wiring, effect, number: 0 }, None);
-        let other = Gyro::ALL[(gyro as usize + self.random.random_range(1..4)) % 4];
+        let other = Gyro::ALL[(gyro.index() + self.random.random_range(1..4)) % 4];
         let value = match constant.number().form {
             ValueFormat::Flag => 1.0,
-            ValueFormat::Gyro => other as usize as f64 + 1.0,
+            ValueFormat::Gyro => other.index() as f64 + 1.0,
             ValueFormat::Whole | ValueFormat::Choice(_) => 0.0,
             ValueFormat::Real => return None,
         };
         let amplitude = constant.with(STEP).filter(|_| self.random.random::<bool>()).unwrap_or(constant);
         let course_shapes = self.shapes(amplitude.course_shapes());
-        let hypothesis = Hypothesis { course_shapes, ..Hypothesis::constant(amplitude, value, only(gyro as usize)) };
+        let hypothesis = Hypothesis { course_shapes, ..Hypothesis::constant(amplitude, value, only(gyro.index())) };
         Some(self.without_signature(hypothesis, Origin::Wiring))
     }
 
@@ -252,7 +252,7 @@ impl<'a> TrialGenerator<'a> {
                     name if name.starts_with("drift") => DRIFT_ERROR,
                     _ => MISALIGNMENT_ERROR,
                 };
-                *unit.gyros[gyro as usize].calibration.value_mut(index) += sigma * self.normal();
+                *unit.gyros[gyro.index()].calibration.value_mut(index) += sigma * self.normal();
             }
         }
         unit.seed = self.random.random::<u64>() & i64::MAX as u64;

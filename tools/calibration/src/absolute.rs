@@ -54,7 +54,7 @@ pub fn with_sensors(
         let broken =
             Gyro::ALL.into_iter().zip(GyroSet::WithZa.gyros()).filter(|(_, is_used)| *is_used).find_map(|(gyro, _)| {
                 let (first, last) = (around(from.point.t_s - OVERLAY_S)?, around(to.point.t_s + OVERLAY_S)?);
-                Some((gyro, counts.broken(gyro as usize, &first, &last)?))
+                Some((gyro, counts.broken(gyro.index(), &first, &last)?))
             });
         if let Some((gyro, broken)) = broken {
             return Err(format!("{}, on which its path rests: {}", gyro.name(), counts.describe(broken)));
@@ -110,7 +110,7 @@ fn rotation(
     // The level of θ: the common error of the slits does not cancel in cos θ; the sun sensor measures it within its steps.
     let slit_count = from.fix.slits.len().max(1) as f64;
     // Between the fixes the path follows GYRY, whose walks bend it: the mean of a walk's bridge, and of its integral's.
-    let (walk, length_s) = (&walks[Gyro::Y as usize], end.t_s - start.t_s);
+    let (walk, length_s) = (&walks[Gyro::Y.index()], end.t_s - start.t_s);
     let bridge_variance = walk.angle_arcsec_per_sqrt_s.powi(2) * length_s / 12.0
         + walk.drift_arcsec_per_s_per_sqrt_s.powi(2) * length_s.powi(3) / 120.0;
     let fix_variance = numbers.sse.slit_arcsec.powi(2) / slit_count + random_variance / 4.0 + bridge_variance;
@@ -192,9 +192,9 @@ fn disturbances(
         // and cancels there; that of Z, which moves ψ, cancels between the two except for the even bend.
         let sin = libm::sin(station.point.theta_rad);
         let of_z = [-sun[0] / sin, 0.0, 1.0 - sun[2] / sin];
-        for (gyro, per_count) in [(Gyro::X, [1.0, 0.0, 0.0]), (Gyro::Za, of_z)] {
+        for (gyro, per_count) in [(Gyro::X, [1.0, 0.0, 0.0]), (Gyro::ZA, of_z)] {
             for (node, weight) in station.reading.nodes() {
-                let source = ErrorSource::Rounding { gyro: gyro as usize, node };
+                let source = ErrorSource::Rounding { gyro: gyro.index(), node };
                 push(source, ROUNDING_VARIANCE, per_count.map(|part| sign * weight * part));
             }
         }

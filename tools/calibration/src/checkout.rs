@@ -168,7 +168,8 @@ impl CheckoutRun {
 
 /// The true calibration parameters of a unit: its calibration and the constant departures, which are a recalibration.
 pub fn true_calibrations(unit: &Configuration) -> [Calibration; 4] {
-    unit.gyros.each_ref().map(|gyro| {
+    std::array::from_fn(|index| {
+        let gyro = &unit.gyros[index];
         let (own, effects) = (gyro.calibration, &gyro.effects.constant);
         Calibration {
             scale_factor: own.scale_factor * (1.0 + effects.scale_factor.ppm * PPM),
@@ -227,7 +228,7 @@ pub fn drawn(unit: &Configuration, seed: u64, run: usize) -> Configuration {
         let nominal = if parameter.index == 0 { 1.0 } else { 0.0 };
         let most = BEFORE_LAUNCH[parameter.index.min(2)];
         let value = nominal + most * (2.0 * random.random::<f64>() - 1.0);
-        *parameter.value_mut(&mut configuration.gyros[parameter.gyro as usize].calibration) = value;
+        *parameter.value_mut(&mut configuration.gyros[parameter.gyro.index()].calibration) = value;
     }
     for gyro in &mut configuration.gyros {
         let clearance_arcsec = &mut gyro.effects.constant.pivot_clearance.clearance_arcsec;
@@ -337,8 +338,8 @@ pub fn precautions(unit: &Configuration) -> Result<Vec<PrecautionResult>, Calibr
     let corrected = |error_arcsec: f64| {
         let mut prior = none.clone();
         for gyro in Gyro::ALL.into_iter().filter(|&gyro| Axes::of(gyro).output_control[0] != 0.0) {
-            let own = &mut prior.gyros[gyro as usize].effects.constant.pivot_clearance;
-            *own = unit.gyros[gyro as usize].effects.constant.pivot_clearance;
+            let own = &mut prior.gyros[gyro.index()].effects.constant.pivot_clearance;
+            *own = unit.gyros[gyro.index()].effects.constant.pivot_clearance;
             if own.clearance_arcsec > 0.0 {
                 own.clearance_arcsec += error_arcsec;
             }

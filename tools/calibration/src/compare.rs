@@ -113,7 +113,7 @@ pub fn combine(first: &Solution, second: &Solution) -> Result<Comparison, SolveE
     let covariance = &own - &own * root.solve(&own);
     let mut combined = second.clone();
     for (index, parameter) in CalibrationParameter::all().enumerate() {
-        *parameter.value_mut(&mut combined.calibrations[parameter.gyro as usize]) =
+        *parameter.value_mut(&mut combined.calibrations[parameter.gyro.index()]) =
             values[0][index] + step[index] * scale[index];
     }
     combined.covariance = DMatrix::from_fn(UNKNOWNS, UNKNOWNS, |a, b| covariance[(a, b)] * scale[a] * scale[b]);
@@ -135,7 +135,7 @@ mod tests {
     fn solution(values: [f64; UNKNOWNS], sigma: f64) -> Solution {
         let mut calibrations: [geu_model::package::Calibration; 4] = Default::default();
         for (parameter, value) in CalibrationParameter::all().zip(values) {
-            *parameter.value_mut(&mut calibrations[parameter.gyro as usize]) = value;
+            *parameter.value_mut(&mut calibrations[parameter.gyro.index()]) = value;
         }
         Solution {
             calibrations,

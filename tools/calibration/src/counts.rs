@@ -49,8 +49,8 @@ pub fn unusable(sample: &Sample) -> [(BreakKind, [bool; 4]); 3] {
     let flag = |index: usize| sample.gyro_flags & (1 << GYRO_FLAGS[index].bit) != 0;
     [
         (BreakKind::SelfTest, [sample.unit_flags & unit_flag("self_test") != 0; 4]),
-        (BreakKind::Invalid, Gyro::ALL.map(|gyro| !flag(gyro as usize))),
-        (BreakKind::Saturated, Gyro::ALL.map(|gyro| flag(gyro as usize + 4))),
+        (BreakKind::Invalid, Gyro::ALL.map(|gyro| !flag(gyro.index()))),
+        (BreakKind::Saturated, Gyro::ALL.map(|gyro| flag(gyro.index() + 4))),
     ]
 }
 

@@ -76,7 +76,7 @@ impl<'a> Evaluation<'a> {
                 return Err(ConfiguredWiringFault { gyro: gyro.name(), code }.into());
             }
         }
-        let prior = configuration.gyros.each_ref().map(|gyro| gyro.calibration);
+        let prior = configuration.calibrations();
         let walks = RandomWalks::configured(configuration);
         let (mut configuration, mut counts) = (Cow::Borrowed(configuration), Cow::Borrowed(counts));
         let clock_ppm = configuration.unit.constant.clock_frequency.ppm;

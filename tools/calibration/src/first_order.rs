@@ -35,7 +35,7 @@ fn axis_served(observation: &Observation) -> Option<usize> {
 pub fn solve(observations: &[Observation], prior: &[Calibration; 4]) -> Result<[Calibration; 4], String> {
     let mut calibrations = *prior;
     for gyro in Gyro::ALL {
-        solve_gyro(gyro, observations, &mut calibrations[gyro as usize])?;
+        solve_gyro(gyro, observations, &mut calibrations[gyro.index()])?;
     }
     Ok(calibrations)
 }
@@ -43,7 +43,7 @@ pub fn solve(observations: &[Observation], prior: &[Calibration; 4]) -> Result<[
 fn solve_gyro(gyro: Gyro, observations: &[Observation], calibration: &mut Calibration) -> Result<(), String> {
     let own = own_axis(gyro);
     let usable: Vec<(&Observation, f64)> =
-        observations.iter().filter_map(|observation| Some((observation, observation.counts[gyro as usize]?))).collect();
+        observations.iter().filter_map(|observation| Some((observation, observation.counts[gyro.index()]?))).collect();
     let serving = |axis: Option<usize>| usable.iter().filter(move |(found, _)| axis_served(found) == axis);
     let missing = |what: &str| Err(format!("{}: no {what}", gyro.name()));
     if serving(Some(own)).next().is_none() {

@@ -178,13 +178,13 @@ pub fn reference_sigma_arcsec(
 ) -> [f64; 3] {
     let (truth, offset_s) = (&reference.truth, counts.offset_s(reference));
     let mut sigmas = [0.0; 3];
-    for gyro in [Gyro::X, Gyro::Y, Gyro::Za] {
+    for gyro in [Gyro::X, Gyro::Y, Gyro::ZA] {
         let (axis, mut near) = (own_axis(gyro), 0);
         let inside = |t_s: f64| t_s >= truth.start_s() && t_s <= truth.end_s();
         let difference: Vec<Option<f64>> = (0..counts.node_s.len())
             .map(|node| {
                 let t_s = counts.node_s[node] + offset_s;
-                let counted = counts.accumulated[gyro as usize][node] * calibrations[gyro as usize].scale_factor;
+                let counted = counts.accumulated[gyro.index()][node] * calibrations[gyro.index()].scale_factor;
                 inside(t_s).then(|| counted - truth.at(t_s, &mut near).0[axis])
             })
             .collect();

@@ -26,7 +26,7 @@ const WINDOW: usize = (WINDOW_S / SAMPLE_INTERVAL_S) as usize;
 pub const THRESHOLD_SIGMA: f64 = 5.0;
 /// Sigmas below which an alarm ends, so that the rounding at the ends does not raise it again and again.
 pub const RECOVERY_SIGMA: f64 = 3.0;
-const PAIR: [Gyro; 2] = [Gyro::Za, Gyro::Zb];
+const PAIR: [Gyro; 2] = [Gyro::ZA, Gyro::ZB];
 
 /// A residual and its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -162,7 +162,7 @@ impl ParityMonitor {
         let interval_s = (from.elapsed_s, self.now.elapsed_s);
         let mut variance = 0.0;
         // GYRX and GYRY enter through misalignments alone: their errors are a ten thousandth here.
-        for gyro in PAIR.map(|gyro| gyro as usize) {
+        for gyro in PAIR.map(|gyro| gyro.index()) {
             let (sigma, walks) = (&self.prior.sigmas[gyro], &self.prior.walks[gyro]);
             variance += 2.0 * intervals * ROUNDING_VARIANCE * self.prior.calibrations[gyro].scale_factor.powi(2)
                 + walks.angle_arcsec_per_sqrt_s.powi(2) * samples * SAMPLE_INTERVAL_S

@@ -3,6 +3,7 @@
 
 use geu_model::Configuration;
 use geu_model::configuration::ConfigurationError;
+use geu_model::device::Device;
 use geu_model::package::Calibration;
 use serde_json::Value;
 
@@ -36,7 +37,7 @@ pub enum PriorError {
 impl From<&Configuration> for PriorCalibration {
     fn from(configuration: &Configuration) -> PriorCalibration {
         PriorCalibration {
-            calibrations: configuration.gyros.each_ref().map(|gyro| gyro.calibration),
+            calibrations: configuration.calibrations(),
             sigmas: [NO_SIGMAS; 4],
             walks: RandomWalks::configured(configuration),
         }
@@ -51,7 +52,12 @@ impl PriorCalibration {
     /// The first defect, with its location.
     pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<PriorCalibration, PriorError> {
         if !text.trim_start().starts_with('{') {
-            return Ok(PriorCalibration::from(&Configuration::parse(name, text, overrides)?));
+            return Ok(PriorCalibration::from(&Configuration::parse_for(
+                Some(&Device::iras()),
+                name,
+                text,
+                overrides,
+            )?));
         }
         if !overrides.is_empty() {
             return Err(PriorError::Overrides { name: name.to_owned() });

@@ -52,7 +52,7 @@ pub fn refine(
 ) -> Result<Refined, SolveError> {
     let mut observations = observations.to_vec();
     for (gyro, counts) in observations.iter_mut().flat_map(|observation| observation.counts.iter_mut().enumerate()) {
-        if priors.iter().all(|prior| prior.parameter.gyro as usize != gyro) {
+        if priors.iter().all(|prior| prior.parameter.gyro.index() != gyro) {
             *counts = None;
         }
     }
@@ -85,7 +85,7 @@ pub fn refine(
         let known = priors
             .iter()
             .enumerate()
-            .filter(|(_, prior)| prior.parameter.gyro as usize == gyro && prior.parameter.index == 1);
+            .filter(|(_, prior)| prior.parameter.gyro.index() == gyro && prior.parameter.index == 1);
         let own: Vec<_> =
             observed.chain(known.map(|(index, _)| (rows + index, (0.0, 0.0), SAMPLE_INTERVAL_S))).collect();
         let end = ((end_s - END_S).max(0.0), end_s);
@@ -109,7 +109,7 @@ pub fn refine(
         covariance.view((0, 0), (rows, rows)) - observed * &solved_covariance * observed.transpose();
     let mut calibrations = *prior_values;
     for (Prior { parameter, .. }, change) in priors.iter().zip(solved.iter()) {
-        *parameter.value_mut(&mut calibrations[parameter.gyro as usize]) += change;
+        *parameter.value_mut(&mut calibrations[parameter.gyro.index()]) += change;
     }
     Ok(Refined {
         calibrations,

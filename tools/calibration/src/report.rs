@@ -119,7 +119,7 @@ fn by_parameter(value: impl Fn(usize) -> Value) -> Value {
 pub(crate) fn gyros(calibrations: &[Calibration; 4], sigmas: Option<&[f64; UNKNOWNS]>) -> Value {
     let value = |gyro: Gyro, index: usize| {
         let parameter = CalibrationParameter { gyro, index };
-        let value = parameter.value(&calibrations[gyro as usize]);
+        let value = parameter.value(&calibrations[gyro.index()]);
         match sigmas {
             Some(sigmas) => json!({ "value": value, "sigma": sigmas[parameter.position()] }),
             None => json!({ "value": value }),
@@ -145,7 +145,7 @@ pub fn overrides(
     parameters
         .into_iter()
         .map(|parameter| {
-            let value = parameter.value(&calibrations[parameter.gyro as usize]);
+            let value = parameter.value(&calibrations[parameter.gyro.index()]);
             let digits = [11, 8, 5][parameter.index.min(2)];
             format!("gyro.{}.calibration.{} = {value:.digits$}", parameter.gyro.name(), parameter.key())
         })
@@ -191,10 +191,10 @@ pub fn calibrations(json: &Value) -> Result<([Calibration; 4], [Calibration; 4])
         let limits = Calibration::NUMBERS.iter().find(|limits| limits.name == parameter.key());
         let (min, max, expected) = limits
             .map_or((f64::MIN, f64::MAX, "a number".to_owned()), |limits| (limits.min, limits.max, limits.limits()));
-        *parameter.value_mut(&mut calibrations[gyro as usize]) =
+        *parameter.value_mut(&mut calibrations[gyro.index()]) =
             number(json, &format!("{path}.value"), min, max, &expected)?;
         if json.pointer(&format!("/{}/sigma", path.replace('.', "/"))).is_some() {
-            *parameter.value_mut(&mut sigmas[gyro as usize]) =
+            *parameter.value_mut(&mut sigmas[gyro.index()]) =
                 number(json, &format!("{path}.sigma"), 0.0, f64::MAX, "0 or more")?;
         }
     }

@@ -103,7 +103,7 @@ pub fn probability(chi2: f64, degrees_of_freedom: usize) -> f64 {
 pub fn values(calibrations: &[Calibration; 4]) -> [f64; UNKNOWNS] {
     let mut values = [0.0; UNKNOWNS];
     for parameter in CalibrationParameter::all() {
-        values[parameter.position()] = parameter.value(&calibrations[parameter.gyro as usize]);
+        values[parameter.position()] = parameter.value(&calibrations[parameter.gyro.index()]);
     }
     values
 }
@@ -180,7 +180,7 @@ impl<'a> Equations<'a> {
         let covariance = &gain * &self.reported * gain.transpose();
         let mut calibrations = *prior;
         for (index, parameter) in CalibrationParameter::all().enumerate() {
-            *parameter.value_mut(&mut calibrations[parameter.gyro as usize]) = solved[index];
+            *parameter.value_mut(&mut calibrations[parameter.gyro.index()]) = solved[index];
         }
         // Only the diagonals of the projection and of the residuals' covariance are needed.
         let weighed = &gain * &self.weighting * gain.transpose();

@@ -82,7 +82,7 @@ impl Transfer {
         let inputs = self.about_inputs_arcsec(counts, samples);
         let control = Vector3::from(self.about_control_arcsec(counts, samples));
         let residual = Vector4::from(inputs) - self.matrix * control;
-        residual[Gyro::Za as usize] - residual[Gyro::Zb as usize]
+        residual[Gyro::ZA.index()] - residual[Gyro::ZB.index()]
     }
 }
 
@@ -93,7 +93,7 @@ mod tests {
 
     #[test]
     fn equation_3_inverts_equations_1_and_2() {
-        let calibrations = Configuration::reference().gyros.map(|gyro| gyro.calibration);
+        let calibrations = Configuration::reference().calibrations();
         let turned = Vector3::new(100.0, -2000.0, 30_000.0);
         let inputs = misalignment_matrix(&calibrations) * turned;
         let counts: [f64; 4] = std::array::from_fn(|gyro| {

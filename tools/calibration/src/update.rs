@@ -49,13 +49,13 @@ pub const DRIFT_PER_FORTNIGHT: f64 = 6.0 * SAMPLE_INTERVAL_S / 3600.0;
 pub const BEYOND_SIGMAS: f64 = 5.0;
 
 /// The updated gyros.
-pub const GYROS: [Gyro; 2] = [Gyro::Za, Gyro::Zb];
+pub const GYROS: [Gyro; 2] = [Gyro::ZA, Gyro::ZB];
 /// The updated parameters, in the order of the results.
 pub const PARAMETERS: [CalibrationParameter; 4] = [
-    CalibrationParameter { gyro: Gyro::Za, index: 0 },
-    CalibrationParameter { gyro: Gyro::Za, index: 1 },
-    CalibrationParameter { gyro: Gyro::Zb, index: 0 },
-    CalibrationParameter { gyro: Gyro::Zb, index: 1 },
+    CalibrationParameter { gyro: Gyro::ZA, index: 0 },
+    CalibrationParameter { gyro: Gyro::ZA, index: 1 },
+    CalibrationParameter { gyro: Gyro::ZB, index: 0 },
+    CalibrationParameter { gyro: Gyro::ZB, index: 1 },
 ];
 
 /// Accuracy and time of the prior calibration.
@@ -179,7 +179,7 @@ fn priors(configuration: &Configuration, known: &PriorAccuracy, since_s: f64, el
 }
 
 fn follows_temperature(configuration: &Configuration, gyro: Gyro) -> bool {
-    let effects = &configuration.gyros[gyro as usize].effects;
+    let effects = &configuration.gyros[gyro.index()].effects;
     let scale_factor = effects.constant.specs().iter().position(|spec| spec.code == "scale-factor");
     effects.courses.iter().any(|course| Some(course.effect) == scale_factor && course.profile.spec.follows_temperature)
 }
@@ -204,7 +204,7 @@ fn refine_observed(
 ) -> Result<CalibrationUpdate, UpdateError> {
     let Evaluation { configuration, counts, prior, walks, .. } = evaluation;
     left_out.retain(|found| found.gyro.is_none_or(|gyro| GYROS.contains(&gyro)));
-    observations.retain(|found| GYROS.iter().any(|&gyro| found.counts[gyro as usize].is_some()));
+    observations.retain(|found| GYROS.iter().any(|&gyro| found.counts[gyro.index()].is_some()));
     let mut used: Vec<ScanSegment> = observations.iter().map(ScanSegment::from).collect();
     if !used.iter().any(ScanSegment::is_scan) {
         return Err(UpdateError::NoScan(left_out));
@@ -224,7 +224,7 @@ fn refine_observed(
     let (mut calibrations, mut sigmas) = (*prior, known.sigmas);
     let changes = std::array::from_fn(|index| {
         let (parameter, new_sigma) = (PARAMETERS[index], new_sigmas[index]);
-        let gyro = parameter.gyro as usize;
+        let gyro = parameter.gyro.index();
         let new = parameter.value(&refined.calibrations[gyro]);
         *parameter.value_mut(&mut calibrations[gyro]) = new;
         sigmas[parameter.position()] = new_sigma;

@@ -29,7 +29,7 @@ fn exact_increments_recover_the_parameters() {
     let mut model = GyroUnit::new(&unit);
     for _ in 0..run.counts.len() {
         let (ended, traces) = model.end_sample_traced();
-        exact.push(ended.end_ns as f64 * 1e-9, traces.map(|trace| trace.unquantised), 20.0);
+        exact.push(ended.end_ns as f64 * 1e-9, std::array::from_fn(|gyro| traces[gyro].unquantised), 20.0);
     }
     let attitude = AttitudeSource::Reference(&run.reference, Some(0.0));
     let calibrated = calibrate(&before_checkout(&unit), &exact, Some(&run.windows), &attitude).expect("determined");
@@ -148,7 +148,7 @@ fn configured_effects_of_the_paper_are_subtracted() {
         gyro.calibration.scale_factor += 20e-6;
         gyro.calibration.drift_arcsec_per_half_s += 6.0 / 7200.0;
     }
-    let truth = values(&unit.gyros.each_ref().map(|gyro| gyro.calibration));
+    let truth = values(&unit.calibrations());
     for windows in [Some(&run.windows[..]), None] {
         let attitude = AttitudeSource::Reference(&run.reference, Some(0.0));
         let solution = calibrate(&configured, &run.counts, windows, &attitude).expect("determined").solution;

@@ -67,7 +67,7 @@ fn defects(code: &str) -> Vec<String> {
         gyro.calibration.scale_factor += 20e-6;
         gyro.calibration.drift_arcsec_per_half_s += 6.0 / 7200.0;
     }
-    let truth = values(&unit.gyros.each_ref().map(|gyro| gyro.calibration));
+    let truth = values(&unit.calibrations());
     let mut all = Vec::new();
     let by_both = [AttitudeSourceKind::Reference, AttitudeSourceKind::Sensors];
     for by in if code == DEAD_ZONE { &by_both[..1] } else { &by_both } {

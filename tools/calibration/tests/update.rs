@@ -29,7 +29,7 @@ fn surveying(scans: f64) -> Configuration {
 }
 
 fn moved(mut unit: Configuration, parameter: CalibrationParameter, by: f64) -> Configuration {
-    *parameter.value_mut(&mut unit.gyros[parameter.gyro as usize].calibration) += by;
+    *parameter.value_mut(&mut unit.gyros[parameter.gyro.index()].calibration) += by;
     unit
 }
 
@@ -39,7 +39,7 @@ fn exact(unit: &Configuration, samples: usize) -> AccumulatedCounts {
     let mut model = GyroUnit::new(unit);
     for _ in 0..samples {
         let (ended, traces) = model.end_sample_traced();
-        exact.push(ended.end_ns as f64 * 1e-9, traces.map(|trace| trace.unquantised), 20.0);
+        exact.push(ended.end_ns as f64 * 1e-9, std::array::from_fn(|gyro| traces[gyro].unquantised), 20.0);
     }
     exact
 }
@@ -53,7 +53,7 @@ fn truth(unit: &Configuration, t_s: f64) -> [f64; 4] {
     let last = (t_s * 2.0).round() as usize;
     let (walking, still) = (exact(unit, last), exact(&still, last));
     PARAMETERS.map(|parameter| {
-        let gyro = parameter.gyro as usize;
+        let gyro = parameter.gyro.index();
         let calibration = &unit.gyros[gyro].calibration;
         // Drift makes counts fall; its mean over the last second.
         let second = |counts: &AccumulatedCounts| counts.accumulated[gyro][last] - counts.accumulated[gyro][last - 2];
@@ -215,7 +215,7 @@ fn broken_counts_exclude_only_their_own_segment() {
     let scan = run.windows.iter().filter(|window| window.name == "survey").nth(3).expect("eight");
     let node = counts.nearest((scan.start_s + scan.end_s) / 2.0).expect("inside");
     let kind = geu_calibration::BreakKind::Saturated;
-    let gyros = Gyro::ALL.map(|gyro| gyro == Gyro::Zb);
+    let gyros = Gyro::ALL.map(|gyro| gyro == Gyro::ZB);
     counts.breaks.push(geu_calibration::Discontinuity { from: node, to: node + 1, gyros, kind });
     let updated = update(&unit, &fortnight(), &counts, Some(&run.windows), &by_reference(&run)).expect("scans");
     let without: Vec<&ScanSegment> = updated.used.iter().filter(|used| used.residuals[1].is_none()).collect();

@@ -85,7 +85,7 @@ impl CountComparison {
             findings.whole("reference-short", None, format!("{uncovered} samples have no reference: {span}"));
         }
 
-        let calibrations = configuration.gyros.each_ref().map(|gyro| gyro.calibration);
+        let calibrations = configuration.calibrations();
         let matrix = misalignment_matrix(&calibrations);
         let electronics = timeline.electronics(rows, configuration);
         for gap_s in reference.truth.gaps_s() {
@@ -120,7 +120,7 @@ impl CountComparison {
                     let (valid, saturated) = (gyro.bit(), gyro.bit() << 4);
                     covers(row) && is_known(row) && !is_test && sample.gyro_flags & (valid | saturated) == valid
                 }),
-                wiring: configuration.gyros.each_ref().map(|gyro| gyro.wiring.at(&interval)),
+                wiring: std::array::from_fn(|gyro| configuration.gyros[gyro].wiring.at(&interval)),
             }
         });
         let mut compared = CountComparison { samples: samples.collect() };

@@ -89,7 +89,7 @@ impl Covariance {
 pub fn wrong_units(compared: &mut CountComparison, findings: &mut FindingCollector) -> bool {
     let mut wrong = 0;
     for gyro in Gyro::ALL {
-        let covariances = SUMMED.map(|summed| Covariance::new(compared, gyro as usize, summed));
+        let covariances = SUMMED.map(|summed| Covariance::new(compared, gyro.index(), summed));
         let Some(factor) = covariances.iter().find(|own| own.is_of_another_unit()).map(Covariance::factor) else {
             continue;
         };
@@ -98,7 +98,7 @@ pub fn wrong_units(compared: &mut CountComparison, findings: &mut FindingCollect
         let likely = name.map_or(String::new(), |(_, name)| format!(", as by {name}"));
         let text = format!("counts are {factor:.6} times what the motion predicts{likely}");
         findings.whole("unit-factor", Some(gyro), text);
-        compared.samples.iter_mut().for_each(|sample| sample.is_used[gyro as usize] = false);
+        compared.samples.iter_mut().for_each(|sample| sample.is_used[gyro.index()] = false);
     }
     wrong < 2
 }
@@ -106,7 +106,7 @@ pub fn wrong_units(compared: &mut CountComparison, findings: &mut FindingCollect
 /// Reports gyros with counts that do not follow the motion, with the known wiring faults applied.
 pub fn uncorrelated_gyros(compared: &CountComparison, findings: &mut FindingCollector) {
     for gyro in Gyro::ALL {
-        let own = Covariance::new(compared, gyro as usize, 1);
+        let own = Covariance::new(compared, gyro.index(), 1);
         let correlation = own.explained().sqrt() * own.both.signum();
         if own.is_determined() && own.predicted > MIN_MOTION_COUNTS.powi(2) && correlation < MIN_CORRELATION {
             let text = format!("counts do not follow the motion: their correlation with it is {correlation:.2}");

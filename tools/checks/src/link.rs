@@ -88,7 +88,7 @@ fn temperatures(before: &ReceivedSample, row: &ReceivedSample, index: usize, fin
 
 fn saturation(row: &mut ReceivedSample, index: usize, findings: &mut FindingCollector) {
     for gyro in Gyro::ALL {
-        let at_limit = matches!(row.sample.increments[gyro as usize], i16::MIN | i16::MAX);
+        let at_limit = matches!(row.sample.increments[gyro.index()], i16::MIN | i16::MAX);
         let flag = gyro.bit() << 4;
         let (name, what) = match (row.sample.gyro_flags & flag != 0, at_limit) {
             (false, false) => continue,

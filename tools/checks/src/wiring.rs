@@ -91,7 +91,7 @@ fn one_by_one(
         for sample in &mut compared.samples[best.samples.clone()] {
             best.hypothesis.set(&mut sample.wiring);
             if is_lost {
-                best.fault.gyros.iter().for_each(|&gyro| sample.is_used[gyro as usize] = false);
+                best.fault.gyros.iter().for_each(|&gyro| sample.is_used[gyro.index()] = false);
             }
         }
         found.push(best);
@@ -220,7 +220,7 @@ impl Search<'_> {
         if !hypothesis.undoes_itself() && (0..4).any(is_beside) {
             return None;
         }
-        let gyros = Gyro::ALL.into_iter().filter(|&gyro| fits[gyro as usize].is_some()).collect();
+        let gyros = Gyro::ALL.into_iter().filter(|&gyro| fits[gyro.index()].is_some()).collect();
         let variance = fits.iter().flatten().map(variance).fold(0.0, f64::max);
         let onset = equivalent_edges(gains, samples.start, ONSET_CHI2 * variance);
         let end = equivalent_edges(gains, samples.end, ONSET_CHI2 * variance);

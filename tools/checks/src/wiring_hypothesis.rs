@@ -37,7 +37,7 @@ impl WiringHypothesis {
                     let values = match number.form {
                         ValueFormat::Flag => vec![1.0],
                         ValueFormat::Gyro => {
-                            (1..=4).filter(|&other| other != bearer as usize + 1).map(|other| other as f64).collect()
+                            (1..=4).filter(|&other| other != bearer.index() + 1).map(|other| other as f64).collect()
                         }
                         ValueFormat::Whole | ValueFormat::Choice(_) | ValueFormat::Real => Vec::new(),
                     };
@@ -65,7 +65,7 @@ impl WiringHypothesis {
 
     /// Adds it to a wiring.
     pub fn set(&self, wiring: &mut Wiring) {
-        *wiring[self.bearer as usize].numbers_mut(self.effect).value_mut(self.amplitude) = self.value;
+        *wiring[self.bearer.index()].numbers_mut(self.effect).value_mut(self.amplitude) = self.value;
     }
 
     /// The wiring with it.

@@ -257,7 +257,7 @@ fn link_defects_are_reported_with_their_place() {
     rows[120].sample.increments[0] = i16::MAX;
     rows[130].sample.increments[1] = i16::MIN;
     rows[130].sample.gyro_flags |= Gyro::Y.bit() << 4;
-    rows[140].sample.gyro_flags |= Gyro::Za.bit() << 4;
+    rows[140].sample.gyro_flags |= Gyro::ZA.bit() << 4;
     rows[150..160].iter_mut().for_each(|row| row.sample.unit_flags |= unit_flag("self_test"));
     rows[170].sample.unit_flags &= !unit_flag("motors_synchronous");
     rows[180..200].iter_mut().for_each(|row| row.sample.unit_flags &= !unit_flag("heater_in_band"));

@@ -36,7 +36,7 @@ pub fn nuisances(measured: &MeasuredData, configuration: &Configuration, shifts:
     };
     let series: Vec<Series> = (0..numbers.len()).into_par_iter().map(moved).collect();
     let of_gyro = |(gyro, number): (geu_protocol::Gyro, usize)| -> Nuisance {
-        std::array::from_fn(|channel| (channel == gyro as usize).then(|| series[number][channel].clone()))
+        std::array::from_fn(|channel| (channel == gyro.index()).then(|| series[number][channel].clone()))
     };
     let mut nuisances: Vec<Nuisance> = calibration_parameters().into_iter().map(of_gyro).collect();
     let late = Shifts { lag_s: shifts.lag_s + LAG_S, ..shifts };

@@ -251,7 +251,7 @@ impl Entries<'_> {
         let mut entries: Vec<DiagnosedEffect> = Vec::new();
         for (index, (gyro, number)) in calibration_parameters().into_iter().enumerate() {
             let (moved, sigma) = (state.calibration[index], state.calibration_sigmas[index]);
-            let (own_sigma, sigmas) = match has_effect(gyro as usize) {
+            let (own_sigma, sigmas) = match has_effect(gyro.index()) {
                 true => (normal.conditional_sigma(index).min(sigma), 1.0),
                 false => (sigma, FOUR_SIGMAS),
             };
@@ -265,13 +265,13 @@ impl Entries<'_> {
             };
             let Some((amplitude, ratio)) = self.constant_effect(&self.case.nuisances[index], is_own) else { continue };
             let found = EstimatedValue::new(amplitude.size().name, moved * ratio, sigma * ratio.abs());
-            let total = self.case.nominal.gyros[gyro as usize].calibration.value(number) + moved;
+            let total = self.case.nominal.gyros[gyro.index()].calibration.value(number) + moved;
             // Digits down to a hundredth of a sigma.
             let decimals = (2.0 - sigma.log10().floor()).clamp(0.0, 15.0) as usize;
             let value = format!("{total:.decimals$}").parse().expect("a formatted number");
             let correction = Correction::Calibration { gyro, number, value, decimals };
             let fall = (moved / own_sigma).powi(2);
-            let (code, gyros) = (amplitude.code(), only(gyro as usize));
+            let (code, gyros) = (amplitude.code(), only(gyro.index()));
             match entries.iter_mut().find(|entry| entry.code == code && entry.gyros == gyros) {
                 Some(entry) => {
                     entry.parameters.push(found);

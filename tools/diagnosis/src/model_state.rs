@@ -49,7 +49,7 @@ impl ModelState {
     pub fn configuration(&self, nominal: &Configuration) -> Configuration {
         let mut configuration = nominal.clone();
         for ((gyro, number), added) in calibration_parameters().into_iter().zip(&self.calibration) {
-            *configuration.gyros[gyro as usize].calibration.value_mut(number) += added;
+            *configuration.gyros[gyro.index()].calibration.value_mut(number) += added;
         }
         for held in &self.held {
             held.hypothesis.apply(&mut configuration);

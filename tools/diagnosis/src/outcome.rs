@@ -138,7 +138,7 @@ impl Correction {
         match self {
             Correction::Hypothesis(hypothesis) => hypothesis.replace(configuration),
             Correction::Calibration { gyro, number, value, .. } => {
-                *configuration.gyros[*gyro as usize].calibration.value_mut(*number) = *value;
+                *configuration.gyros[gyro.index()].calibration.value_mut(*number) = *value;
             }
         }
     }

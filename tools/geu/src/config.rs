@@ -29,9 +29,9 @@ enum Action {
 /// The configuration is not valid.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     match &arguments.action {
-        Action::Show(settings) => print(format_args!("{}", settings.read()?.to_toml(true))),
+        Action::Show(settings) => print(format_args!("{}", settings.read_of_any()?.to_toml(true))),
         Action::Check(settings) => {
-            settings.read()?;
+            settings.read_of_any()?;
             let name = settings
                 .config
                 .as_ref()

@@ -3,6 +3,7 @@
 use std::fmt::Write;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use clap::{Args, Subcommand};
 use geu_model::device::{DEVICES, Device};
@@ -55,6 +56,14 @@ pub fn device(name: &str) -> Result<Device, CommandError> {
         None if !Path::new(name).exists() => Err(unknown(name)),
         None => read(Path::new(name)),
     }
+}
+
+/// The unit of a name or a description, or the default one.
+///
+/// # Errors
+/// As [`device`].
+pub fn unit(name: &str) -> Result<Arc<Device>, CommandError> {
+    if name == DEFAULT_DEVICE { Ok(Device::iras()) } else { device(name).map(Arc::new) }
 }
 
 fn unknown(name: &str) -> CommandError {
@@ -113,7 +122,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
             );
             for (name, _) in DEVICES {
                 let device = device(name)?;
-                let heads: Vec<&str> = device.heads.iter().map(|head| head.name.as_str()).collect();
+                let heads: Vec<&str> = device.gyros().map(Gyro::name).collect();
                 let links = [device.serial.is_some().then_some("serial"), device.can.is_some().then_some("CAN")];
                 let links = links.into_iter().flatten().collect::<Vec<_>>().join(", ");
                 let (heads, interval) = (heads.join(" "), device.rate_in_words());
@@ -146,8 +155,8 @@ fn text(device: &Device) -> String {
     line("output", device.in_words());
     for head in &device.heads {
         let axis = |axis: [f64; 3]| axis.map(|part| format!("{part:.3}")).join(" ");
-        let output = head.output.map_or(String::new(), |output| format!(", output axis {}", axis(output)));
-        line("head", format!("{:<8} input axis {}{output}", head.name, axis(head.input)));
+        let output = head.axes.output().map_or(String::new(), |output| format!(", output axis {}", axis(output)));
+        line("head", format!("{:<8} input axis {}{output}", head.gyro.name(), axis(head.axes.input_control)));
     }
     if let Some(serial) = &device.serial {
         let unchecked = if serial.is_unchecked { ", frames without constant or check" } else { "" };

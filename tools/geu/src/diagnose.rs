@@ -8,6 +8,7 @@ use clap::Args;
 use geu_diagnosis::outcome::{Class, DiagnosedEffect, Diagnosis};
 use geu_diagnosis::{DiagnosisOptions, Thresholds, Verdict, diagnose_rows, report};
 use geu_model::Configuration;
+use geu_model::device::Device;
 use geu_protocol::CanIdMap;
 use geu_protocol::capture::{RecordPosition, Timestamp};
 use geu_recording::{Defect, DefectKind, ReceivedSample, ReferenceAttitude, Sink, read_text};
@@ -168,7 +169,7 @@ fn updated_configuration(
     };
     let comments: Vec<_> = diagnosis.entries.iter().flat_map(commented).collect();
     let text = Configuration::commented(&text, &comments);
-    Configuration::parse(&name, &text, &[]).map_err(refused)?;
+    Configuration::parse_for(Some(&Device::iras()), &name, &text, &[]).map_err(refused)?;
     Ok(text)
 }
 

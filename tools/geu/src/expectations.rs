@@ -6,7 +6,6 @@ use std::fmt::Write;
 use clap::Args;
 use geu_model::fault::engine::FaultEngine;
 use geu_model::fault::expectation::{ExpectationMonitor, ExpectationResult, TimeWindow};
-use geu_model::units::on_board_s;
 
 use crate::command_error::{CommandError, note};
 use crate::outputs::OutputFile;
@@ -30,10 +29,10 @@ impl ExpectationReport {
         }
         let watches = &faults.watches;
         for watch in watches {
-            note(format_args!("expectation  {}: {}\n", watch.expectation.id, verdict(watch)));
+            note(format_args!("expectation  {}: {}\n", watch.expectation.id, verdict(watch, faults.interval_s)));
         }
         if let Some(path) = &self.junit {
-            path.write(junit(watches))?;
+            path.write(junit(watches, faults.interval_s))?;
         }
         let failed = watches.iter().filter(|watch| !matches!(watch.verdict, ExpectationResult::Met(_))).count();
         if failed > 0 {
@@ -44,7 +43,7 @@ impl ExpectationReport {
 }
 
 /// A result as text.
-fn verdict(watch: &ExpectationMonitor) -> String {
+fn verdict(watch: &ExpectationMonitor, interval_s: f64) -> String {
     let condition = &watch.expectation.condition;
     let window = match watch.expectation.window {
         TimeWindow::Within(length_s) => format!("within {length_s} s"),
@@ -55,7 +54,7 @@ fn verdict(watch: &ExpectationMonitor) -> String {
         ExpectationResult::NotMet(t_s) => format!("not met at {t_s} s: expected {condition} {window}"),
         ExpectationResult::Open(since) => format!(
             "not decided: the run ended before, its window began at {} s; expected {condition} {window}",
-            on_board_s(since)
+            since as f64 * interval_s
         ),
         ExpectationResult::Waiting => match &watch.expectation.after {
             Some(fault) => format!("not decided: fault {fault} never started; expected {condition} {window}"),
@@ -70,7 +69,7 @@ fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-fn junit(watches: &[ExpectationMonitor]) -> String {
+fn junit(watches: &[ExpectationMonitor], interval_s: f64) -> String {
     let count = |is: fn(&ExpectationResult) -> bool| watches.iter().filter(|watch| is(&watch.verdict)).count();
     let failures = count(|verdict| matches!(verdict, ExpectationResult::NotMet(_)));
     let errors = count(|verdict| matches!(verdict, ExpectationResult::Open(_) | ExpectationResult::Waiting));
@@ -81,7 +80,7 @@ fn junit(watches: &[ExpectationMonitor]) -> String {
         "<testsuites><testsuite name=\"geu\" tests=\"{tests}\" failures=\"{failures}\" errors=\"{errors}\">"
     );
     for watch in watches {
-        let (id, message) = (escaped(&watch.expectation.id), escaped(&verdict(watch)));
+        let (id, message) = (escaped(&watch.expectation.id), escaped(&verdict(watch, interval_s)));
         let _ = match watch.verdict {
             ExpectationResult::Met(t_s) => {
                 writeln!(text, "<testcase name=\"{id}\" classname=\"expect\" time=\"{t_s}\"/>")

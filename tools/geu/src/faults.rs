@@ -4,13 +4,15 @@ use std::io::Write;
 
 use clap::{Args, Subcommand};
 use geu_model::configuration::fault::{ExpectationNumbers, FAULT_TEXTS, FaultNumbers};
+use geu_model::device::Device;
 use geu_model::fault::catalogue::{CATALOGUE, FaultSpec, Scope, Transport};
-use geu_model::fault::{ParameterRef, expression};
+use geu_model::fault::{EffectList, ParameterRef, expression};
 use geu_model::parameter_spec::{DefaultValue, ParameterSpec};
 use geu_model::time_profile::FAULT_PROFILES;
 use geu_protocol::suggestion::did_you_mean;
 
 use crate::command_error::CommandError;
+use crate::device::{DEFAULT_DEVICE, unit};
 
 /// Lists the catalogue of faults.
 #[derive(Args, Debug)]
@@ -33,6 +35,9 @@ struct List {
     /// Print JSON
     #[arg(long)]
     json: bool,
+    /// Name or description of the unit
+    #[arg(long, value_name = "NAME|FILE", default_value = DEFAULT_DEVICE)]
+    device: String,
 }
 
 fn link_kind(text: &str) -> Result<Transport, String> {
@@ -48,7 +53,8 @@ fn link_kind(text: &str) -> Result<Transport, String> {
 /// Standard output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let Command::List(list) = &arguments.command;
-    let text = if list.json { format!("{:#}\n", geu_daemon::catalogue()) } else { text(list.link) };
+    let device = unit(&list.device)?;
+    let text = if list.json { format!("{:#}\n", geu_daemon::catalogue(&device)) } else { text(&device, list.link) };
     match std::io::stdout().write_all(text.as_bytes()) {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(CommandError::failed(error)),
         _ => Ok(()),
@@ -64,17 +70,19 @@ fn number(spec: &ParameterSpec) -> String {
     format!("{}: {} ({}{default})", spec.name, spec.meaning, spec.limits())
 }
 
-fn text(link: Option<Transport>) -> String {
+fn text(device: &Device, link: Option<Transport>) -> String {
     let mut lines = vec!["A fault of a plan, [[fault]], changes a parameter or has a name.".to_owned()];
     if link.is_none() {
         lines.push("\nParameters (parameter = \"effect.number\", course = { … }):".to_owned());
         for target in ParameterRef::all() {
             let (min, max) = target.limits();
             let limits = target.number().form.limits(min, max);
-            let scope_name = match target.gyros().len() {
-                0 => "the unit".to_owned(),
-                4 => "any gyro".to_owned(),
-                _ => target.gyros().iter().map(|gyro| gyro.name()).collect::<Vec<_>>().join(", "),
+            let gyros = target.gyros(device);
+            let scope_name = match gyros.len() {
+                _ if target.list == EffectList::Unit => "the unit".to_owned(),
+                0 => continue,
+                count if count == device.heads.len() => "any gyro".to_owned(),
+                _ => gyros.iter().map(|gyro| gyro.name()).collect::<Vec<_>>().join(", "),
             };
             let verb = if target.is_switch() { "sets" } else { "adds" };
             lines.push(format!("  {:<50} {scope_name}; {verb} {limits}", target.name()));
@@ -90,7 +98,7 @@ fn text(link: Option<Transport>) -> String {
             continue;
         }
         let scope_name = match scope {
-            Scope::Gyro => "a gyro (gyro = \"GYRX\")".to_owned(),
+            Scope::Gyro => format!("a gyro (gyro = \"{}\")", device.heads[0].gyro.name()),
             Scope::Unit => "the unit".to_owned(),
             Scope::Link => {
                 format!("links (link = \"{}\"; without it, of all)", link.map_or("pty|serial|can|tcp", Transport::name))

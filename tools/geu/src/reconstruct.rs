@@ -11,12 +11,13 @@ use geu_calibration::filter::{
 };
 use geu_model::Configuration;
 use geu_model::configuration::unix_ns;
+use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::{CanIdMap, Gyro};
 
 use crate::calibrate::{read_counts, start_of_sensors_ns};
 use crate::command_error::{CommandError, note, say};
 use crate::outputs::OutputFile;
-use crate::settings::{ConfigArgs, LONGEST_S, NamedConfigArgs, choice, samples};
+use crate::settings::{ConfigArgs, LONGEST_S, NamedConfigArgs, choice, within};
 
 /// Reconstructs the attitude between star fixes by a Kalman filter and a smoother.
 ///
@@ -78,7 +79,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
 }
 
 fn simulated_day(arguments: &Arguments, configuration: &Configuration, in_use: GyroSet) -> Result<(), CommandError> {
-    let count = samples(arguments.duration)? as usize;
+    let count = (within(arguments.duration)? / SAMPLE_INTERVAL_S).ceil() as usize;
     let day = |with_sun| survey_day(configuration, count, in_use, with_sun).map_err(CommandError::input);
     let SurveyDayReport { filtered, smoothed, fixes, reconstruction, .. } = day(false)?;
     let with_sun = day(true)?;

@@ -5,10 +5,13 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use clap::Args;
 use geu_daemon::cadence::Speed;
 use geu_daemon::control::{ControlListener, DEFAULT_ADDRESS};
+use geu_daemon::link::LinkAddress;
 use geu_daemon::{Recording, RunError, RunOptions, asked_to_end};
 use geu_model::configuration::{LinkLogFormat, unix_ns};
+use geu_model::device::Device;
 use geu_model::fault::catalogue::Transport;
 use geu_model::units::duration_s;
+use geu_protocol::CanIdMap;
 use geu_recorder::{Destination, FILES};
 
 use crate::command_error::{CommandError, note};
@@ -16,7 +19,7 @@ use crate::expectations;
 use crate::links::Links;
 use crate::output_guard::Force;
 use crate::outputs::OutputDirectory;
-use crate::settings::{LINK_FORMATS, LONGEST_S, RunArgs, choice, duration, samples};
+use crate::settings::{LINK_FORMATS, LONGEST_S, RunArgs, choice, duration};
 use crate::token::Token;
 
 /// Runs the emulator: the unit on a pty, a serial port, a CAN interface or TCP, or several of them at once.
@@ -86,14 +89,15 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let options = RunOptions {
         links: arguments.links.addresses(),
         speed: arguments.speed.unwrap_or(Speed::Times(1.0)),
-        samples: ready.samples(arguments.duration.map(samples).transpose()?)?,
+        samples: ready.samples(arguments.duration)?,
         spin: Duration::from_micros(arguments.spin.into()),
         realtime: arguments.realtime,
         wait_for_client: arguments.wait,
         live: ready.live.as_ref().map(|live| live.source.clone()),
         truth_wait: arguments.truth_wait.and_then(|TruthWait(limit)| limit),
     };
-    let open: Vec<Transport> = options.links.iter().map(|link| link.model().kind).collect();
+    let open: Vec<Transport> = options.links.iter().map(|link| link.kind()).collect();
+    verify_links(&ready.configuration.device, &options.links)?;
     if let Some(reason) = ready.configuration.faults.iter().find_map(|fault| fault.misses(&open)) {
         return Err(CommandError::input(reason));
     }
@@ -127,6 +131,29 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
             Err(failure) => failure.and(problem),
         })
     })
+}
+
+/// Refuses links that the unit does not have.
+fn verify_links(device: &Device, links: &[LinkAddress]) -> Result<(), CommandError> {
+    if device.is_iras() {
+        return Ok(());
+    }
+    for link in links {
+        let is_can = link.kind() == Transport::Can;
+        if device.frames(is_can).is_none() {
+            let (name, others) = (&device.name, if is_can { "--pty, --serial or --tcp" } else { "--can" });
+            let link = link.kind().name();
+            return Err(CommandError::input(format!("{name}: expected a link that it has, {others}, got --{link}")));
+        }
+        if let LinkAddress::Can(address) = link
+            && address.plan != CanIdMap::default()
+        {
+            let message =
+                format!("--can {}: expected no base: the identifiers are in the description", address.interface);
+            return Err(CommandError::input(message));
+        }
+    }
+    Ok(())
 }
 
 /// Longest wait for a simulator; `None`: without limit.

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use geu_daemon::link::{CanAddress, SerialAddress};
 use geu_protocol::command::{self, COMMANDS, CommandResult};
+use geu_protocol::serial::DEFAULT_BAUD;
 use geu_protocol::suggestion::did_you_mean;
 use geu_protocol::{Reply, Sample};
 use geu_recording::{CommandLink, POLL};
@@ -157,7 +158,7 @@ fn open(link: &str) -> Result<CommandLink, CommandError> {
     let fail = |error: io::Error, expected: &str| CommandError::input(format!("{link}: {error}; expected {expected}"));
     let serial: Option<SerialAddress> = link.parse().ok();
     if let Some(serial) = serial.filter(|serial| Path::new(&serial.device).exists()) {
-        let opened = CommandLink::serial(Path::new(&serial.device), serial.baud);
+        let opened = CommandLink::serial(Path::new(&serial.device), serial.baud.unwrap_or(DEFAULT_BAUD));
         return opened.map_err(|error| fail(error, "a pty or serial device"));
     }
     let address = link.strip_prefix("tcp:");

@@ -8,8 +8,9 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use geu_calibration::window::{self, ManoeuvreWindow};
 use geu_daemon::truth::{ExternalTruth, TruthAddress};
 use geu_model::configuration::{LinkLogFormat, unix_ns};
+use geu_model::device::Device;
 use geu_model::fault::unsatisfiable_condition;
-use geu_model::units::{duration_s, on_board_s};
+use geu_model::units::duration_s;
 use geu_model::{Configuration, GyroUnit, Truth};
 use geu_protocol::CanIdMap;
 use geu_recorder::{self as recorder, received};
@@ -17,6 +18,7 @@ use geu_recording::{REFERENCE, ReferenceAttitude, TableError, open_rows};
 use geu_report::Provenance;
 
 use crate::command_error::CommandError;
+use crate::device::unit;
 use crate::outputs::OutputFile;
 
 /// Configuration and overrides.
@@ -27,6 +29,10 @@ pub struct ConfigArgs {
     /// Override a value of the configuration: gyro.GYRX.drift.arcsec_per_h=10, manoeuvre.0.duration_s=60
     #[arg(long = "set", value_name = "PATH=VALUE")]
     pub overrides: Vec<String>,
+    /// Name or description of another unit than the default one (`geu device list`); without a configuration it has no errors
+    /// and rests
+    #[arg(long, value_name = "NAME|FILE")]
+    pub device: Option<String>,
 }
 
 /// Configuration as an option, for commands that take other files too.
@@ -42,7 +48,7 @@ pub struct NamedConfigArgs {
 
 impl From<&NamedConfigArgs> for ConfigArgs {
     fn from(named: &NamedConfigArgs) -> ConfigArgs {
-        ConfigArgs { config: named.config.clone(), overrides: named.overrides.clone() }
+        ConfigArgs { config: named.config.clone(), overrides: named.overrides.clone(), device: None }
     }
 }
 
@@ -175,11 +181,15 @@ pub struct LiveTruth {
 }
 
 impl PreparedRun {
-    /// Samples to run: `asked`, else the length of a truth from a file. `None` if neither sets an end.
+    /// Samples to run: of this duration, else the length of a truth from a file. `None` if neither sets an end.
     ///
     /// # Errors
     /// The file is shorter than `asked`.
-    pub fn samples(&self, asked: Option<u64>) -> Result<Option<u64>, CommandError> {
+    pub fn samples(&self, duration_s: Option<f64>) -> Result<Option<u64>, CommandError> {
+        let device = &self.configuration.device;
+        // Sums have rounding errors.
+        let of_duration = |duration_s: f64| (duration_s / device.interval_s - 1e-6).ceil().max(1.0) as u64;
+        let asked = duration_s.map(|duration_s| within(duration_s).map(of_duration)).transpose()?;
         let end_s = match &self.truth {
             Truth::Recorded(rows) => rows.end_s(),
             Truth::Stepped(motion) if self.live.is_none() => motion.end_s(),
@@ -190,10 +200,9 @@ impl PreparedRun {
             Some(asked) if covered < asked => Err(CommandError::input(format!(
                 "{}: expected a truth that covers the run of {} s, got {} s, enough for {} s",
                 self.configuration.run.truth.as_deref().unwrap_or_default(),
-                on_board_s(asked),
-                // Sums have rounding errors.
+                device.on_board_s(asked),
                 (end_s * 1e6).round() / 1e6,
-                on_board_s(covered),
+                device.on_board_s(covered),
             ))),
             _ => Ok(Some(covered)),
         }
@@ -207,17 +216,31 @@ pub const LINK_FORMATS: &[(&str, LinkLogFormat, &str)] = &[
 ];
 
 impl ConfigArgs {
-    /// Reads the configuration.
+    /// Reads the configuration of the default unit.
     ///
     /// # Errors
-    /// The file cannot be read or is not valid.
+    /// The file cannot be read, is not valid, or is of another unit.
     pub fn read(&self) -> Result<Configuration, CommandError> {
-        match &self.config {
-            None => Configuration::reference_with(&self.overrides),
-            Some(_) => {
+        self.read_for(Some(&Device::iras()))
+    }
+
+    /// Reads the configuration of any unit.
+    ///
+    /// # Errors
+    /// The file cannot be read, is not valid, or is not of the unit that `--device` names.
+    pub fn read_of_any(&self) -> Result<Configuration, CommandError> {
+        let device = self.device.as_deref().map(unit).transpose()?;
+        self.read_for(device.as_ref())
+    }
+
+    fn read_for(&self, device: Option<&Arc<Device>>) -> Result<Configuration, CommandError> {
+        match (&self.config, device) {
+            (Some(_), _) => {
                 let (name, text) = self.text()?;
-                Configuration::parse(&name, &text, &self.overrides)
+                Configuration::parse_for(device, &name, &text, &self.overrides)
             }
+            (None, Some(device)) if !device.is_iras() => Configuration::of_device(device, &self.overrides),
+            (None, _) => Configuration::reference_with(&self.overrides),
         }
         .map_err(CommandError::input)
     }
@@ -272,7 +295,7 @@ impl RunArgs {
     /// # Errors
     /// The configuration cannot be read or is not valid; the truth or a fault plan cannot be read.
     pub fn read(&self) -> Result<PreparedRun, CommandError> {
-        let mut configuration = self.settings.read()?;
+        let mut configuration = self.settings.read_of_any()?;
         let is_unfinished = configuration.run.is_unfinished;
         if let (true, Some(path)) = (is_unfinished, &self.settings.config) {
             let directory = path.parent().unwrap_or(Path::new(""));
@@ -344,13 +367,13 @@ fn truth_of_file(name: &str, is_unfinished: bool) -> Result<Truth, CommandError>
     Ok(Truth::Recorded(ReferenceAttitude::of_rows(name, rows).map_err(CommandError::input)?.truth))
 }
 
-/// Number of samples in `duration_s` of on-board time.
+/// A duration of a run.
 ///
 /// # Errors
 /// The duration is not within 0…1e10 s.
-pub fn samples(duration_s: f64) -> Result<u64, CommandError> {
+pub fn within(duration_s: f64) -> Result<f64, CommandError> {
     if duration_s > 0.0 && duration_s <= LONGEST_S {
-        Ok((duration_s * 2.0).ceil() as u64)
+        Ok(duration_s)
     } else {
         Err(CommandError::input(format!("--duration: expected more than 0 seconds and at most 1e10, got {duration_s}")))
     }

@@ -7,9 +7,9 @@ use clap::Args;
 use geu_files::interruption::stop_flag;
 use geu_model::attitude::AttitudeProfile;
 use geu_model::configuration::LinkLogFormat;
-use geu_model::units::on_board_s;
+use geu_model::device::Device;
 use geu_model::{Configuration, Truth};
-use geu_recorder::{Destination, FILES, Recorder, misses, simulate};
+use geu_recorder::{Destination, FILES, Recorder, misses, simulate, wire_beside};
 use geu_report::figures;
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -17,7 +17,7 @@ use crate::command_error::{CommandError, note};
 use crate::expectations;
 use crate::output_guard::Force;
 use crate::outputs::{OutputDirectory, write};
-use crate::settings::{LINK_FORMATS, LONGEST_S, LiveTruth, RunArgs, choice, duration, samples};
+use crate::settings::{LINK_FORMATS, LONGEST_S, LiveTruth, RunArgs, choice, duration};
 
 /// Runs the model without links, as fast as possible, and writes the files of a recorded run.
 #[derive(Args, Debug)]
@@ -74,10 +74,11 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         Truth::Recorded(_) | Truth::Stepped(_) => None,
     };
     let duration_s = arguments.duration.or(recorded_s).or_else(scenario_s);
-    let count = ready.samples(duration_s.map(samples).transpose()?)?.ok_or_else(|| {
+    let count = ready.samples(duration_s)?.ok_or_else(|| {
         CommandError::input("the scenario has no end: expected --duration DURATION, such as 90, 10m or 2h")
     })?;
-    let wire = arguments.wire.or(configuration.run.wire).unwrap_or_default();
+    let wire = wire_beside(arguments.wire.or(configuration.run.wire), &[], &configuration.device);
+    verify_wire(&configuration.device, wire)?;
     if let Some(reason) = misses(configuration, wire) {
         return Err(CommandError::input(format!("{reason}; name its `link`, or record another --wire")));
     }
@@ -93,7 +94,8 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     bar.finish_and_clear();
     let samples = recorder.samples();
     recorder.finish().map_err(CommandError::failed)?;
-    let (recorded_s, asked_s, out) = (on_board_s(samples), on_board_s(count), out.display());
+    let (recorded_s, asked_s, out) =
+        (configuration.device.on_board_s(samples), configuration.device.on_board_s(count), out.display());
     if samples < count {
         return Err(CommandError::failed(format!(
             "interrupted after {recorded_s} s of {asked_s} s: {out} is a complete recording of these"
@@ -102,6 +104,14 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     note(format_args!("geu: wrote {recorded_s} s into {out}\n"));
     draw_figures()?;
     arguments.expectations.write(&faults)
+}
+
+/// Refuses a format of the link that the unit does not have.
+fn verify_wire(device: &Device, wire: LinkLogFormat) -> Result<(), CommandError> {
+    match device.is_iras() || device.frames(wire == LinkLogFormat::Can).is_some() {
+        true => Ok(()),
+        false => Err(CommandError::input(format!("--wire {}: {} has no such link", wire.name(), device.name))),
+    }
 }
 
 /// Writes every figure of the unit into a directory, which is created if necessary.

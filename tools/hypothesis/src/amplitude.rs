@@ -244,7 +244,7 @@ pub fn configured(
     gyro: Gyro,
     configuration: &Configuration,
 ) -> (&dyn ParameterSet, &[TimeCourse]) {
-    let own = &configuration.gyros[gyro as usize];
+    let own = &configuration.gyros[gyro.index()];
     match target.list {
         EffectList::Unit => (configuration.unit.constant.numbers(target.effect), &configuration.unit.courses),
         EffectList::Head => (own.effects.constant.numbers(target.effect), &own.effects.courses),

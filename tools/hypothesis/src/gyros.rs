@@ -11,7 +11,7 @@ pub const ALL_GYROS: Gyros = [true; 4];
 
 /// Names of gyros.
 pub fn names(gyros: &Gyros) -> Vec<&'static str> {
-    Gyro::ALL.into_iter().filter(|gyro| gyros[*gyro as usize]).map(Gyro::name).collect()
+    Gyro::ALL.into_iter().filter(|gyro| gyros[gyro.index()]).map(Gyro::name).collect()
 }
 
 /// The gyros with these names; `None` without a name, or with another name.

@@ -72,7 +72,7 @@ impl Hypothesis {
 
     fn on(&self) -> impl Iterator<Item = Gyro> {
         let gyros = self.gyros;
-        Gyro::ALL.into_iter().filter(move |gyro| gyros[*gyro as usize])
+        Gyro::ALL.into_iter().filter(move |gyro| gyros[gyro.index()])
     }
 
     /// Adds it to a configuration.
@@ -109,7 +109,7 @@ impl Hypothesis {
                 }
             }
             AmplitudeSource::Term(formula) => self.on().for_each(|at| {
-                let terms = &mut configuration.gyros[at as usize].discovered;
+                let terms = &mut configuration.gyros[at.index()].discovered;
                 match terms.iter_mut().find(|term| term.formula == formula) {
                     Some(term) => term.coefficient += self.value,
                     None => terms.push(Term { formula, coefficient: self.value }),
@@ -195,7 +195,7 @@ impl Hypothesis {
             }
             // A list is given whole.
             AmplitudeSource::Term(_) => {
-                let terms = configuration.gyros[gyro as usize].discovered.iter();
+                let terms = configuration.gyros[gyro.index()].discovered.iter();
                 let terms = terms.map(|Term { formula, coefficient }| {
                     format!("{{ formula = \"{formula}\", coefficient = {coefficient:?} }}")
                 });

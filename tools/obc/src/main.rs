@@ -17,6 +17,7 @@ use closed_loop::{SETTLED_S, print};
 use emulator::Emulator;
 use geu_calibration::{GyroSelection, PriorCalibration};
 use geu_model::Configuration;
+use geu_model::device::Device;
 use geu_model::units::duration_s;
 
 const EXIT_CODES: &str = "\
@@ -101,7 +102,9 @@ impl Arguments {
         let Some(path) = &self.config else { return Ok(PriorCalibration::from(&Configuration::reference())) };
         let name = path.display().to_string();
         let text = geu_recording::read_text(path).map_err(|error| format!("{name}: cannot be read: {error}"))?;
-        Ok(PriorCalibration::from(&Configuration::parse(&name, &text, &[]).map_err(|error| error.to_string())?))
+        Ok(PriorCalibration::from(
+            &Configuration::parse_for(Some(&Device::iras()), &name, &text, &[]).map_err(|error| error.to_string())?,
+        ))
     }
 }
 

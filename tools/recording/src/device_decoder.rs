@@ -46,9 +46,9 @@ impl Samples {
                 Quantity::Saturated(head) => (head, 1.0),
                 _ => continue,
             };
-            let name = &device.heads[head].name;
+            let name = device.heads[head].gyro.name();
             let place = heads.iter().position(|own| own == name).unwrap_or_else(|| {
-                heads.push(name.clone());
+                heads.push(name.to_owned());
                 heads.len() - 1
             });
             flags.push((slot, place, counted));

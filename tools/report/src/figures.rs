@@ -138,7 +138,7 @@ fn set(numbers: &mut dyn ParameterSet, name: &str, value: f64) {
 
 /// Sets the paper's value of an effect if the gyro lacks it, and returns a note for the title.
 fn ensure_effect(configuration: &mut Configuration, gyro: Gyro, code: &str, name: &str, paper: f64) -> String {
-    let effects = &mut configuration.gyros[gyro as usize].effects;
+    let effects = &mut configuration.gyros[gyro.index()].effects;
     let index = effects.constant.specs().iter().position(|spec| spec.code == code).expect("an effect of that code");
     if effects.has(index) {
         return String::new();
@@ -210,11 +210,11 @@ fn pivot_transit(configuration: &Configuration) -> Vec<Panel> {
         let mut configuration = configuration.clone();
         configuration.scenario = y_scans(90.0, limit_cycle, &[(96.0, 12.0), (90.0, 12.0)]);
         let (mut unit, mut float_arcsec) = (GyroUnit::new(&configuration), 0.0);
-        let scale_factor = configuration.gyros[Gyro::X as usize].calibration.scale_factor;
+        let scale_factor = configuration.gyros[Gyro::X.index()].calibration.scale_factor;
         let mut points = vec![(0.0, 0.0)];
         while unit.ended() < 5000 {
             let (ended, traces) = unit.end_sample_traced();
-            float_arcsec += traces[Gyro::X as usize].changes[column] * scale_factor;
+            float_arcsec += traces[Gyro::X.index()].changes[column] * scale_factor;
             points.push((ended.end_ns as f64 * 1e-9, float_arcsec));
         }
         points
@@ -222,7 +222,7 @@ fn pivot_transit(configuration: &Configuration) -> Vec<Panel> {
     let still = LimitCycle { rate_arcsec_s: 0.0, ..configured };
     let cycle =
         if configured.rate_arcsec_s > 0.0 { configured } else { LimitCycle { rate_arcsec_s: 4.0, ..configured } };
-    let clearance_arcsec = configuration.gyros[Gyro::X as usize].effects.constant.pivot_clearance.clearance_arcsec;
+    let clearance_arcsec = configuration.gyros[Gyro::X.index()].effects.constant.pivot_clearance.clearance_arcsec;
     let runs = [
         ("without limit cycle".to_owned(), simulate(still)),
         (format!("limit cycle of {} arcsec/s", cycle.rate_arcsec_s), simulate(cycle)),
@@ -266,9 +266,9 @@ fn limit_cycle(configuration: &Configuration) -> Vec<Panel> {
         truth.push((end_s, turned_arcsec));
     }
     let panel = |gyro: Gyro, axis: usize, title: String| {
-        let calibration = &configuration.gyros[gyro as usize].calibration;
+        let calibration = &configuration.gyros[gyro.index()].calibration;
         let corrected = |index: usize| {
-            rows[index].counts[gyro as usize] * calibration.scale_factor
+            rows[index].counts[gyro.index()] * calibration.scale_factor
                 + calibration.drift_arcsec_per_half_s * (index + 1) as f64
         };
         let angle = truth.iter().map(|(t_s, turned_arcsec)| (*t_s, turned_arcsec[axis])).collect();

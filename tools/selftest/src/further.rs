@@ -105,7 +105,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
         measure: |receiver| {
             receiver.listen_every(u64::MAX, 60.0);
             let rows = receiver.listen_every(20, 43_200.0);
-            vec![relative_noise_ppm(&rows, Gyro::X, 0), relative_noise_ppm(&rows, Gyro::Za, 2)]
+            vec![relative_noise_ppm(&rows, Gyro::X, 0), relative_noise_ppm(&rows, Gyro::ZA, 2)]
         },
     },
     Experiment {

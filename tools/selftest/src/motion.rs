@@ -16,7 +16,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
         noise: false,
         configuration: "manoeuvre = [{ kind = \"survey\", scans = 1 }]",
         claims: &[claim("survey about Z", "§5", Value(3.85, 0.005), "′/s")],
-        measure: |receiver| vec![rate_arcmin_s(&receiver.listen(450.0), Gyro::Za, 20.0, 450.0)],
+        measure: |receiver| vec![rate_arcmin_s(&receiver.listen(450.0), Gyro::ZA, 20.0, 450.0)],
     },
     Experiment {
         name: "orbital speed",
@@ -28,7 +28,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             claim("orbital speed over survey's 3.85′/s, about 90 %", "§5", Between(88.0, 92.0), "%"),
         ],
         measure: |receiver| {
-            let speed = rate_arcmin_s(&receiver.listen(6180.0), Gyro::Za, 20.0, 6180.0);
+            let speed = rate_arcmin_s(&receiver.listen(6180.0), Gyro::ZA, 20.0, 6180.0);
             vec![speed, speed.relative_to(ARCSEC_PER_TURN / 60.0), speed.times(100.0 / 3.85)]
         },
     },
@@ -104,7 +104,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
 /// Mean rate of a gyro's counts between two instants.
 fn rate_arcmin_s(rows: &[Row], gyro: Gyro, from_s: f64, to_s: f64) -> Estimate {
     let rows = between(rows, from_s, to_s);
-    LineFit::new(rows.iter().map(|row| (row.t_s, row.counts[gyro as usize]))).slope.times(1.0 / 60.0)
+    LineFit::new(rows.iter().map(|row| (row.t_s, row.counts[gyro.index()]))).slope.times(1.0 / 60.0)
 }
 
 /// Amplitude of GYRX's angle at a period of 5 s, and its phase in radians.
@@ -114,7 +114,7 @@ fn swing(rows: &[Row]) -> (Estimate, Estimate) {
         .iter()
         .map(|row| {
             let (sin, cos) = libm::sincos(std::f64::consts::TAU * row.t_s / 5.0);
-            ([1.0, row.t_s - middle_s, sin, cos], row.counts[Gyro::X as usize])
+            ([1.0, row.t_s - middle_s, sin, cos], row.counts[Gyro::X.index()])
         })
         .collect();
     let fit = Fit::new(&points);

@@ -24,9 +24,9 @@ impl Row {
         let axis = match gyro {
             Gyro::X => 0,
             Gyro::Y => 1,
-            Gyro::Za | Gyro::Zb => 2,
+            _ => 2,
         };
-        self.counts[gyro as usize] - self.reference_arcsec[axis]
+        self.counts[gyro.index()] - self.reference_arcsec[axis]
     }
 }
 

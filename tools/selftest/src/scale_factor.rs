@@ -27,7 +27,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
         ],
         measure: |receiver| {
             let rows = receiver.listen(6180.0);
-            vec![scale_factor_ppm(&rows, Gyro::Za, 2), scale_factor_ppm(&rows, Gyro::Zb, 2)]
+            vec![scale_factor_ppm(&rows, Gyro::ZA, 2), scale_factor_ppm(&rows, Gyro::ZB, 2)]
         },
     },
     Experiment {
@@ -42,8 +42,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
         measure: |receiver| {
             receiver.listen(20.0);
             let rows = receiver.listen_every(20, S_PER_DAY);
-            let points = rows.iter().map(|row| (row.t_s / S_PER_DAY - 0.5, row.residual(Gyro::Za)));
-            let scanned = LineFit::new(rows.iter().map(|row| (row.t_s / S_PER_DAY, row.counts[Gyro::Za as usize])));
+            let points = rows.iter().map(|row| (row.t_s / S_PER_DAY - 0.5, row.residual(Gyro::ZA)));
+            let scanned = LineFit::new(rows.iter().map(|row| (row.t_s / S_PER_DAY, row.counts[Gyro::ZA.index()])));
             let change_per_day = curvature(points).times(-2.0).over(scanned.slope);
             vec![change_per_day.times(DAYS_PER_MONTH / PPM)]
         },
@@ -63,7 +63,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
         measure: |receiver| {
             let rows = receiver.listen(7200.0);
             let (cold, warm) = (between(&rows, 20.0, 3600.0), between(&rows, 3602.0, 7200.0));
-            let change = scale_factor_ppm(warm, Gyro::Za, 2).minus(scale_factor_ppm(cold, Gyro::Za, 2));
+            let change = scale_factor_ppm(warm, Gyro::ZA, 2).minus(scale_factor_ppm(cold, Gyro::ZA, 2));
             let kelvin = |rows: &[Row]| Estimate {
                 value: f64::from(rows[rows.len() / 2].sample.electronics_centi_c) * 0.01,
                 // The sample's value is rounded to 0.01 K, and the temperature is constant.
@@ -144,7 +144,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
         measure: |receiver| {
             let rows = receiver.listen(12_000.0);
             let (nominal, fast) = (between(&rows, 20.0, 6000.0), between(&rows, 6001.0, 12_000.0));
-            let change = scale_factor_ppm(fast, Gyro::Za, 2).minus(scale_factor_ppm(nominal, Gyro::Za, 2));
+            let change = scale_factor_ppm(fast, Gyro::ZA, 2).minus(scale_factor_ppm(nominal, Gyro::ZA, 2));
             vec![sample_s(fast), change.over(clock_ppm(fast))]
         },
     },
@@ -162,7 +162,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             // D in arcsec per on-board sample interval is −N·SF, with SF as in the previous experiment.
             let drift = |rows: &[Row], scale_factor: f64| {
                 LineFit::new(rows.iter().enumerate().map(|(index, row)| {
-                    (index as f64, -row.counts[Gyro::X as usize] * scale_factor + row.reference_arcsec[0])
+                    (index as f64, -row.counts[Gyro::X.index()] * scale_factor + row.reference_arcsec[0])
                 }))
                 .slope
             };
@@ -182,7 +182,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             receiver.listen_every(u64::MAX, 1300.0);
             let rows = receiver.listen(6700.0);
             let halves = [0.0, 1800.0, 3600.0]
-                .map(|from_s| scale_factor_ppm(between(&rows, 1300.0 + from_s, 3100.0 + from_s), Gyro::Za, 2));
+                .map(|from_s| scale_factor_ppm(between(&rows, 1300.0 + from_s, 3100.0 + from_s), Gyro::ZA, 2));
             let changes = [halves[1].minus(halves[0]), halves[2].minus(halves[1])];
             let larger = if changes[0].value.abs() > changes[1].value.abs() { changes[0] } else { changes[1] };
             vec![Estimate::new(larger.value.abs(), larger.sigma)]

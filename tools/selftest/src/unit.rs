@@ -40,7 +40,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
         measure: |receiver| {
             // GYRX turns with the sun, one count in 24 s.
             let rows = receiver.listen(7200.0);
-            let counts = |row: &Row| row.counts[Gyro::X as usize];
+            let counts = |row: &Row| row.counts[Gyro::X.index()];
             let steps: Vec<_> = rows.windows(2).filter(|pair| counts(&pair[1]) != counts(&pair[0])).collect();
             let smallest =
                 steps.iter().map(|pair| (counts(&pair[1]) - counts(&pair[0])).abs()).fold(f64::INFINITY, f64::min);
@@ -71,7 +71,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
                 receiver.command("SELF_TEST", &[i64::from(gyro.bit()), counts, 4]);
                 let rows = receiver.listen(until_s);
                 let flagged = rows.iter().filter(|row| row.sample.gyro_flags & gyro.bit() << 4 != 0);
-                let increments = flagged.map(|row| f64::from(row.sample.increments[gyro as usize]));
+                let increments = flagged.map(|row| f64::from(row.sample.increments[gyro.index()]));
                 Estimate::new(increments.max_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(f64::NAN), 0.0)
             };
             vec![extreme(Gyro::X, 32_767, 5.0), extreme(Gyro::Y, -32_768, 10.0)]

@@ -21,8 +21,7 @@ pub struct Event {
 impl Event {
     /// The event as one line of JSON.
     pub fn json(&self) -> Value {
-        let gyros: Vec<&str> =
-            Gyro::ALL.into_iter().filter(|&gyro| self.gyros[gyro as usize]).map(Gyro::name).collect();
+        let gyros: Vec<&str> = Gyro::ALL.into_iter().filter(|&gyro| self.gyros[gyro.index()]).map(Gyro::name).collect();
         let round = |value: f64| (value * 1e3).round() * 1e-3;
         json!({
             "t_s": self.t_s,

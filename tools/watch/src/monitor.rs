@@ -8,7 +8,7 @@ use geu_calibration::noise::RandomWalks;
 use geu_calibration::{GyroSet, PriorCalibration, Transfer};
 use geu_model::package::Axes;
 use geu_model::units::SAMPLE_INTERVAL_S;
-use geu_model::{Configuration, GyroUnit};
+use geu_model::Configuration;
 use geu_protocol::continuity::{Continuity, MAX_MISSING, SequenceStep};
 use geu_protocol::{Gyro, Sample};
 use geu_recording::{ReceivedSample, ReferenceAttitude};
@@ -232,8 +232,8 @@ impl Monitor {
             let turned_control_arcsec = self.transfer.about_control_arcsec(self.counts, samples);
             return Node { residual: [parity; 4], turned_control_arcsec, ..Node::default() };
         };
-        let modelled = model.unit.accumulated_counts();
-        let wider = model.wider.each_ref().map(GyroUnit::accumulated_counts);
+        let modelled: Vec<f64> = model.unit.accumulated_counts().collect();
+        let wider = model.wider.each_ref().map(|unit| unit.accumulated_counts().collect::<Vec<f64>>());
         let pivot = |gyro: usize, index: usize| (wider[index][gyro] - modelled[gyro]) / CLEARANCES_ARCSEC[index];
         let (turned_control_arcsec, _) = model.truth.at(samples * SAMPLE_INTERVAL_S, &mut model.near);
         Node {
@@ -258,7 +258,7 @@ impl Monitor {
 
 /// The random walks of the difference of the pair.
 fn together(walks: &[RandomWalks; 4]) -> RandomWalks {
-    let [a, b] = [Gyro::Za, Gyro::Zb].map(|gyro| walks[gyro as usize]);
+    let [a, b] = [Gyro::ZA, Gyro::ZB].map(|gyro| walks[gyro.index()]);
     RandomWalks {
         angle_arcsec_per_sqrt_s: a.angle_arcsec_per_sqrt_s.hypot(b.angle_arcsec_per_sqrt_s),
         drift_arcsec_per_s_per_sqrt_s: a.drift_arcsec_per_s_per_sqrt_s.hypot(b.drift_arcsec_per_s_per_sqrt_s),
@@ -268,7 +268,7 @@ fn together(walks: &[RandomWalks; 4]) -> RandomWalks {
 
 #[cfg(test)]
 mod tests {
-    use geu_model::Truth;
+    use geu_model::{GyroUnit, Truth};
     use geu_model::attitude::{AttitudeRow, RecordedAttitude};
     use geu_protocol::capture::Timestamp;
 

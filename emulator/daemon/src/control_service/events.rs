@@ -8,7 +8,7 @@ use std::sync::mpsc::SyncSender;
 use std::time::{Duration, Instant};
 
 use geu_model::attitude::{Motion, MotionState};
-use geu_model::units::on_board_s;
+use geu_model::device::Device;
 use geu_model::{CompletedSample, InjectionRecord};
 use geu_protocol::command::{self, COMMANDS};
 use serde_json::{Value, json};
@@ -21,6 +21,8 @@ use geu_recorder::fault_json;
 
 /// Minimum interval between two published samples: a faster run skips some.
 const PACE: Duration = Duration::from_millis(50);
+/// Spacing of the samples of the history.
+const HISTORY_INTERVAL_S: f64 = 0.5;
 /// Kind of the timeline lines of commands.
 pub(super) const COMMAND: &str = "command";
 /// Commands of one sample interval that are published one by one; the others are only counted.
@@ -50,16 +52,17 @@ pub(super) struct EventPublisher {
     service: Arc<ControlService>,
     waiting: VecDeque<HistorySample>,
     samples: u64,
-    departure_arcsec: [f64; 4],
+    departure_arcsec: Vec<f64>,
+    device: Arc<Device>,
     /// Commands since the last sample.
     commands: u64,
     published: Option<Instant>,
 }
 
 impl EventPublisher {
-    pub fn new(sender: SyncSender<ServiceEvent>, service: Arc<ControlService>) -> EventPublisher {
-        let (waiting, departure_arcsec) = (VecDeque::new(), [0.0; 4]);
-        EventPublisher { sender, service, waiting, samples: 0, departure_arcsec, commands: 0, published: None }
+    pub fn new(sender: SyncSender<ServiceEvent>, service: Arc<ControlService>, device: Arc<Device>) -> EventPublisher {
+        let (waiting, departure_arcsec) = (VecDeque::new(), vec![0.0; device.heads.len()]);
+        EventPublisher { sender, service, waiting, samples: 0, departure_arcsec, device, commands: 0, published: None }
     }
 
     fn send(&self, event: ServiceEvent) {
@@ -77,20 +80,28 @@ impl Observer for EventPublisher {
                     self.send(ServiceEvent::Commands(self.samples, more));
                 }
                 self.samples += 1;
-                let true_arcsec = traces.each_ref().map(|trace| trace.true_arcsec);
+                let true_arcsec: Vec<f64> = traces.iter().map(|trace| trace.true_arcsec).collect();
+                let increments = ended.outputs.counts[..true_arcsec.len()].to_vec();
                 for (gyro, departure) in self.departure_arcsec.iter_mut().enumerate() {
-                    *departure += f64::from(ended.sample.increments[gyro]) - true_arcsec[gyro];
+                    *departure += increments[gyro] * self.device.heads[gyro].count_arcsec - true_arcsec[gyro];
+                }
+                let spacing = (HISTORY_INTERVAL_S / self.device.interval_s).round().max(1.0) as u64;
+                let is_published = self.published.is_some_and(|published| published.elapsed() < PACE);
+                if !self.samples.is_multiple_of(spacing) && is_published {
+                    return;
                 }
                 let history = HistorySample {
                     t_s: (ended.end_ns as f64 * 1e-9 * 1e6).round() / 1e6,
                     sample: self.samples,
-                    increments: ended.sample.increments,
+                    increments,
                     true_arcsec,
-                    departure_arcsec: self.departure_arcsec,
+                    departure_arcsec: self.departure_arcsec.clone(),
                     gyro_flags: ended.sample.gyro_flags,
                 };
-                self.service.history.push(&mut self.waiting, history);
-                if self.published.is_some_and(|published| published.elapsed() < PACE) {
+                if self.samples.is_multiple_of(spacing) {
+                    self.service.history.push(&mut self.waiting, history.clone());
+                }
+                if is_published {
                     return;
                 }
                 self.published = Some(Instant::now());
@@ -116,13 +127,13 @@ fn line(t_s: f64, kind: &str, text: &str) -> Value {
 }
 
 /// The timeline line of the commands that were only counted.
-pub(super) fn more_commands(sample: u64, count: u64) -> Value {
-    line(on_board_s(sample), COMMAND, &format!("{count} more commands"))
+pub(super) fn more_commands(device: &Device, sample: u64, count: u64) -> Value {
+    line(device.on_board_s(sample), COMMAND, &format!("{count} more commands"))
 }
 
 /// An event as a line of the timeline; `None` for events that are not in it. `sample` is the running sample.
-pub(super) fn timeline_line(sample: u64, event: &UnitEvent) -> Option<Value> {
-    let now_s = on_board_s(sample);
+pub(super) fn timeline_line(device: &Device, sample: u64, event: &UnitEvent) -> Option<Value> {
+    let now_s = device.on_board_s(sample);
     Some(match event {
         UnitEvent::Sample(..) | UnitEvent::Polled(_) => return None,
         UnitEvent::Command { link, payload, .. } => {
@@ -132,13 +143,13 @@ pub(super) fn timeline_line(sample: u64, event: &UnitEvent) -> Option<Value> {
         }
         UnitEvent::Missed { .. } => line(now_s, "missed", "a sample was not sent: the process was stalled"),
         UnitEvent::Happened(event) => {
-            let mut line = fault_json::event(sample, event);
-            let (kind, text) = fault_json::kind_and_text(event);
+            let mut line = fault_json::event(device, sample, event);
+            let (kind, text) = fault_json::kind_and_text(device, event);
             (line["kind"], line["text"]) = (json!(kind), json!(text));
             line
         }
         UnitEvent::Injected(fault) => json!({
-            "t_s": now_s, "kind": "injected", "id": fault.id, "keys": fault_json::keys(fault),
+            "t_s": now_s, "kind": "injected", "id": fault.id, "keys": fault_json::keys(device, fault),
             "text": format!("{} injected: {}", fault.id, fault.action.name()),
         }),
         UnitEvent::StartedByHand { id, at_s } => line(*at_s, "injected", &format!("{id} started by the operator")),

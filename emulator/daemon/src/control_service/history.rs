@@ -1,30 +1,37 @@
 //! The samples of the last ten minutes, for the charts of a client that connects late.
 //!
-//! All samples are kept, at any speed. The cadence thread adds them without waiting: while a client reads, they wait in a
+//! All samples are kept, at any speed, of a unit with shorter intervals one each half second. The cadence thread adds them without waiting: while a client reads, they wait in a
 //! queue of that thread.
 
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard};
 
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use serde_json::{Value, json};
 
 /// Number of samples kept: ten minutes of on-board time, about 150 kB.
 const KEPT: usize = 1200;
 
 /// A sample as charts need it.
-#[derive(Debug, Clone, Copy, Serialize)]
+#[derive(Debug, Clone, Serialize)]
 pub(super) struct HistorySample {
     /// On-board time at its end.
     pub t_s: f64,
     /// Number of samples that had ended, including this one.
     #[serde(rename = "half_second")]
     pub sample: u64,
-    pub increments: [i16; 4],
-    pub true_arcsec: [f64; 4],
+    #[serde(serialize_with = "whole")]
+    pub increments: Vec<f64>,
+    pub true_arcsec: Vec<f64>,
     /// Increments less true rotation, summed over all samples until this one.
-    pub departure_arcsec: [f64; 4],
+    pub departure_arcsec: Vec<f64>,
     pub gyro_flags: u8,
+}
+
+/// Writes whole numbers without a fraction.
+fn whole<S: Serializer>(numbers: &[f64], serializer: S) -> Result<S::Ok, S::Error> {
+    let number = |number: &f64| if number.fract() == 0.0 { json!(*number as i64) } else { json!(number) };
+    serializer.collect_seq(numbers.iter().map(number))
 }
 
 /// The samples kept, oldest first.
@@ -63,9 +70,9 @@ mod tests {
         HistorySample {
             t_s: sample as f64 * 0.5,
             sample,
-            increments: [1, -2, 3, -4],
-            true_arcsec: [0.5; 4],
-            departure_arcsec: [0.0; 4],
+            increments: vec![1.0, -2.0, 3.0, -4.0],
+            true_arcsec: vec![0.5; 4],
+            departure_arcsec: vec![0.0; 4],
             gyro_flags: 15,
         }
     }

@@ -19,9 +19,9 @@ use std::sync::{Arc, Mutex, OnceLock};
 use std::thread::{self, JoinHandle};
 
 use geu_model::configuration::fault::{MAX_FAULTS, read_fault_text, read_plan_text};
+use geu_model::device::Device;
 use geu_model::fault::engine::FaultStatus;
 use geu_model::fault::{Fault, unsatisfiable_condition};
-use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::suggestion::{did_you_mean, listed};
 use serde_json::{Map, Value, json};
 use tokio::sync::broadcast;
@@ -81,7 +81,7 @@ impl ControlService {
     ///
     /// # Errors
     /// The thread cannot be started.
-    pub fn start() -> io::Result<Started> {
+    pub fn start(device: &Arc<Device>) -> io::Result<Started> {
         let (sender, events) = sync_channel(QUEUE);
         let service = Arc::new(ControlService {
             events: broadcast::Sender::new(MAX_LAG),
@@ -92,9 +92,10 @@ impl ControlService {
             lost: AtomicU64::new(0),
             source: OnceLock::new(),
         });
-        let publisher = service.clone();
-        let thread = thread::Builder::new().name("geu-bench".to_owned()).spawn(move || publisher.publish(&events))?;
-        Ok((service.clone(), Box::new(EventPublisher::new(sender, service)), thread))
+        let (publisher, own) = (service.clone(), device.clone());
+        let thread =
+            thread::Builder::new().name("geu-bench".to_owned()).spawn(move || publisher.publish(&own, &events))?;
+        Ok((service.clone(), Box::new(EventPublisher::new(sender, service, device.clone())), thread))
     }
 
     /// Sets the unit and its links.
@@ -124,12 +125,12 @@ impl ControlService {
             if let Some(reason) = faults.iter().find_map(|fault| fault.misses(&open)).or_else(unsatisfiable) {
                 return Err(reason);
             }
-            let start_s = (unit.running().0 + 1) as f64 * SAMPLE_INTERVAL_S;
+            let start_s = unit.device.on_board_s(unit.running().0 + 1);
             if let Some(Fault { id, until_s, .. }) = faults.iter().find(|fault| fault.until_s <= start_s) {
                 return Err(format!("{id}: expected a future time for `until_s`, after {start_s} s, got {until_s}"));
             }
             if let Some(added) = unit.inject(existing.len(), &faults) {
-                let json = |fault: &Fault| json!({ "id": fault.id, "state": "armed", "at_s": fault.at_s, "keys": fault_json::keys(fault) });
+                let json = |fault: &Fault| json!({ "id": fault.id, "state": "armed", "at_s": fault.at_s, "keys": fault_json::keys(&unit.device, fault) });
                 return Ok(added.iter().map(json).collect());
             }
         }
@@ -144,7 +145,7 @@ impl ControlService {
     }
 
     /// Publishes events until the observer is dropped.
-    fn publish(&self, events: &Receiver<ServiceEvent>) {
+    fn publish(&self, device: &Device, events: &Receiver<ServiceEvent>) {
         for event in events {
             let (name, data) = match event {
                 ServiceEvent::Sample(sample) => {
@@ -153,9 +154,9 @@ impl ControlService {
                     lock(&self.last).clone_from(&status);
                     ("half-second", status)
                 }
-                ServiceEvent::Commands(sample, count) => ("timeline", events::more_commands(sample, count)),
+                ServiceEvent::Commands(sample, count) => ("timeline", events::more_commands(device, sample, count)),
                 ServiceEvent::Event(sample, event) => {
-                    let Some(line) = events::timeline_line(sample, &event) else { continue };
+                    let Some(line) = events::timeline_line(device, sample, &event) else { continue };
                     ("timeline", line)
                 }
             };
@@ -189,7 +190,7 @@ impl ControlBackend for ControlService {
     }
 
     fn catalogue(&self) -> Value {
-        catalogue::catalogue()
+        catalogue::catalogue(&self.source().unit.device)
     }
 
     fn faults(&self) -> Value {
@@ -207,10 +208,16 @@ impl ControlBackend for ControlService {
             Ok(json!({ "id": id, "state": "armed", "at_s": at_s }))
         } else if let Some(plan) = text("plan").filter(|_| has_only(&["plan", "name"])) {
             let name = text("name").unwrap_or("plan");
-            self.add(|existing| read_plan_text(name, plan, existing, &links).map_err(|error| error.to_string()))
+            self.add(|existing| {
+                read_plan_text(&self.source().unit.device, name, plan, existing, &links)
+                    .map_err(|error| error.to_string())
+            })
         } else {
             let fault = toml::text(injection);
-            let read = |existing: &[Fault]| read_fault_text("fault", &fault, existing, &links).map(|fault| vec![fault]);
+            let device = &self.source().unit.device;
+            let read = |existing: &[Fault]| {
+                read_fault_text(device, "fault", &fault, existing, &links).map(|fault| vec![fault])
+            };
             let mut added = self.add(|existing| read(existing).map_err(|error| error.message))?;
             Ok(added[0].take())
         }
@@ -233,7 +240,8 @@ impl ControlBackend for ControlService {
         Box::pin(async move {
             let response = self.source().unit.command("control", &payload).await;
             match &response.reply {
-                Some(reply) => control::reply(reply, response.polled.as_ref()),
+                Some(reply) => control::reply(reply, response.polled.as_ref().map(|polled| &polled.sample)),
+                None if !self.source().unit.device.is_iras() => json!({ "outcome": "this unit has no commands" }),
                 None => json!({ "outcome": "no reply: a fault keeps the unit silent" }),
             }
         })

@@ -4,9 +4,10 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 
 use geu_model::CompletedSample;
+use geu_model::device::Device;
 use geu_model::fault::catalogue::Transport;
 use geu_model::fault::engine::FaultStatus;
-use geu_model::units::{RAD_PER_DEG, on_board_s};
+use geu_model::units::RAD_PER_DEG;
 use serde_json::{Map, Value, json};
 
 use super::events::SampleEvent;
@@ -14,7 +15,7 @@ use crate::control;
 use crate::lateness::CadenceMonitor;
 use crate::link::LinkStatistics;
 use crate::shared_unit::SharedUnit;
-use geu_recorder::link_model::{Encoding, LinkModel};
+use geu_recorder::link_model::LinkModel;
 
 /// The running unit and its open links.
 pub(crate) struct StatusSource {
@@ -36,12 +37,12 @@ impl StatusSource {
     ) -> StatusSource {
         let first = |is_can: bool| {
             let mut models = links.iter().map(|(model, _)| model);
-            models.find(|model| matches!(model.encoding, Encoding::Can(_)) == is_can).cloned()
+            models.find(|model| model.encoding.is_can() == is_can).cloned()
         };
         StatusSource {
             unit: unit.clone(),
-            serial: first(false).unwrap_or(LinkModel::serial(Transport::Pty)),
-            can: first(true).unwrap_or(LinkModel::can(geu_protocol::CanIdMap::default())),
+            serial: first(false).unwrap_or_else(|| LinkModel::of(&unit.device, Transport::Pty, None, None)),
+            can: first(true).unwrap_or_else(|| LinkModel::of(&unit.device, Transport::Can, None, None)),
             links: links.iter().map(|(model, statistics)| (model.kind, statistics.clone())).collect(),
             recorded,
             monitor: monitor.clone(),
@@ -63,7 +64,7 @@ impl StatusSource {
         let acting = injected.as_ref().map_or(&[][..], |injected| &injected.acting);
         let is_sent = ended.cyclic || is_polled(ended);
         let sent = |model: &LinkModel| -> Vec<String> {
-            let transmissions = model.carry(Some(&ended.sample).filter(|_| is_sent), 0, acting).into_iter();
+            let transmissions = model.carry(Some(ended).filter(|_| is_sent), 0, acting).into_iter();
             let undelayed = transmissions.filter(|transmission| (transmission.frame, transmission.after_ns) == (0, 0));
             undelayed.map(|transmission| transmission.content.to_string()).collect()
         };
@@ -102,14 +103,14 @@ impl StatusSource {
 
     /// All faults.
     pub fn faults(&self) -> Value {
-        let now_s = on_board_s(self.unit.running().0);
-        self.unit.faults().planned.iter().map(|fault| fault_state(fault, now_s)).collect()
+        let now_s = self.unit.device.on_board_s(self.unit.running().0);
+        self.unit.faults().planned.iter().map(|fault| fault_state(&self.unit.device, fault, now_s)).collect()
     }
 
     /// The faults that are active or armed.
     pub fn faults_now(&self) -> Value {
         let (now_s, faults) = self.unit.faults_now();
-        faults.iter().map(|fault| fault_state(fault, now_s)).collect()
+        faults.iter().map(|fault| fault_state(&self.unit.device, fault, now_s)).collect()
     }
 }
 
@@ -118,7 +119,7 @@ fn is_polled(ended: &CompletedSample) -> bool {
     ended.sample.unit_flags & geu_protocol::field::unit_flag("polled") != 0
 }
 
-fn fault_state(status: &FaultStatus, now_s: f64) -> Value {
+fn fault_state(device: &Device, status: &FaultStatus, now_s: f64) -> Value {
     let fault = &status.fault;
     let state = match status.since() {
         Some(_) => "active",
@@ -134,7 +135,7 @@ fn fault_state(status: &FaultStatus, now_s: f64) -> Value {
         "trigger": fault.trigger(),
         "by_hand": fault.by_hand,
         "started": status.started,
-        "since_s": status.since().map(on_board_s),
-        "ends_s": status.end().map(on_board_s),
+        "since_s": status.since().map(|sample| device.on_board_s(sample)),
+        "ends_s": status.end().map(|sample| device.on_board_s(sample)),
     })
 }

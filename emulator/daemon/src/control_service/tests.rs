@@ -3,6 +3,7 @@
 use std::time::{Duration, Instant};
 
 use geu_model::configuration::fault::MAX_RUN_FAULTS;
+use geu_model::device::Device;
 use geu_model::fault::catalogue::Transport;
 use geu_model::{Configuration, Truth};
 
@@ -21,7 +22,7 @@ fn served() -> Served {
 }
 
 fn served_with(truth: &Truth) -> Served {
-    let (service, observer, _) = ControlService::start().expect("a thread");
+    let (service, observer, _) = ControlService::start(&Device::iras()).expect("a thread");
     let unit = SharedUnit::new(&Configuration::reference(), truth, Speed::Max, None, Some(observer));
     let unit = Arc::new(unit);
     service.set_source(StatusSource::new(&unit, &[], None, &Arc::default()));
@@ -111,13 +112,15 @@ fn number_of_faults_of_a_run_is_limited_and_its_record_is_read_again() {
     assert!(rejected.contains("expected at most 1000 faults, got 1001"), "{rejected}");
     while configuration.faults.len() < MAX_RUN_FAULTS {
         let more =
-            read_plan_text("plan", &plan.repeat(MAX_FAULTS), &configuration.faults, &Transport::ALL).expect("a plan");
+            read_plan_text(&Device::iras(), "plan", &plan.repeat(MAX_FAULTS), &configuration.faults, &Transport::ALL)
+                .expect("a plan");
         configuration.run.injected.extend(more.iter().map(|fault| fault.id.clone()));
         configuration.faults.extend(more);
     }
-    let rejected = read_fault_text("fault", "fault = \"drop\"", &configuration.faults, &Transport::ALL)
-        .expect_err("too many")
-        .to_string();
+    let rejected =
+        read_fault_text(&Device::iras(), "fault", "fault = \"drop\"", &configuration.faults, &Transport::ALL)
+            .expect_err("too many")
+            .to_string();
     assert!(rejected.contains("expected at most 10000 faults in a run") && rejected.contains("begin another run"));
     let again = Configuration::parse("run.toml", &configuration.to_toml(false), &[]).expect("read again");
     assert_eq!(again.faults.len(), MAX_RUN_FAULTS);

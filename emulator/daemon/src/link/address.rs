@@ -1,11 +1,13 @@
 //! Addresses of links on the command line.
 
+use std::sync::Arc;
+
+use geu_model::device::Device;
 use geu_model::fault::catalogue::Transport;
 use geu_protocol::CanIdMap;
-use geu_protocol::serial::DEFAULT_BAUD;
 
 use super::tcp::TcpAddress;
-use geu_recorder::link_model::{Encoding, LinkModel};
+use geu_recorder::link_model::LinkModel;
 
 /// A link to be opened.
 #[derive(Debug, Clone)]
@@ -21,16 +23,24 @@ pub enum LinkAddress {
 }
 
 impl LinkAddress {
-    /// Model of the link.
-    pub fn model(&self) -> LinkModel {
+    /// Kind of the link.
+    pub fn kind(&self) -> Transport {
         match self {
-            LinkAddress::Pty(_) => LinkModel::serial(Transport::Pty),
-            LinkAddress::Serial(address) => {
-                LinkModel { kind: Transport::Serial, encoding: Encoding::Serial { baud: address.baud } }
-            }
-            LinkAddress::Can(address) => LinkModel::can(address.plan),
-            LinkAddress::Tcp(_) => LinkModel::serial(Transport::Tcp),
+            LinkAddress::Pty(_) => Transport::Pty,
+            LinkAddress::Serial(_) => Transport::Serial,
+            LinkAddress::Can(_) => Transport::Can,
+            LinkAddress::Tcp(_) => Transport::Tcp,
         }
+    }
+
+    /// Model of the link of a unit.
+    pub fn model(&self, device: &Arc<Device>) -> LinkModel {
+        let (baud, plan) = match self {
+            LinkAddress::Serial(address) => (address.baud, None),
+            LinkAddress::Can(address) => (None, Some(address.plan)),
+            LinkAddress::Pty(_) | LinkAddress::Tcp(_) => (None, None),
+        };
+        LinkModel::of(device, self.kind(), baud, plan)
     }
 }
 
@@ -74,8 +84,8 @@ impl std::str::FromStr for CanAddress {
 pub struct SerialAddress {
     /// Path of the device.
     pub device: String,
-    /// Rate, 8N1.
-    pub baud: u32,
+    /// Rate, 8N1; `None` for that of the unit.
+    pub baud: Option<u32>,
 }
 
 impl std::str::FromStr for SerialAddress {
@@ -86,9 +96,9 @@ impl std::str::FromStr for SerialAddress {
             // Names under /dev/serial/by-path have colons of their own.
             Some((device, baud)) if !baud.is_empty() && baud.bytes().all(|byte| byte.is_ascii_digit()) => {
                 let baud = baud.parse().ok().filter(|&baud| baud > 0);
-                (device, baud.ok_or_else(|| format!("expected DEVICE:BAUD with a rate above 0, got {text}"))?)
+                (device, Some(baud.ok_or_else(|| format!("expected DEVICE:BAUD with a rate above 0, got {text}"))?))
             }
-            _ => (text, DEFAULT_BAUD),
+            _ => (text, None),
         };
         if device.is_empty() {
             return Err(format!("expected DEVICE or DEVICE:BAUD, got {text:?}"));
@@ -115,10 +125,10 @@ mod tests {
     #[test]
     fn an_address_is_a_device_and_perhaps_a_rate() {
         let parse = |text: &str| text.parse::<SerialAddress>().map(|address| (address.device, address.baud));
-        assert_eq!(parse("/dev/ttyUSB0"), Ok(("/dev/ttyUSB0".to_owned(), 115_200)));
-        assert_eq!(parse("/dev/ttyUSB0:9600"), Ok(("/dev/ttyUSB0".to_owned(), 9600)));
+        assert_eq!(parse("/dev/ttyUSB0"), Ok(("/dev/ttyUSB0".to_owned(), None)));
+        assert_eq!(parse("/dev/ttyUSB0:9600"), Ok(("/dev/ttyUSB0".to_owned(), Some(9600))));
         let by_path = "/dev/serial/by-path/pci-0:14.0-usb-0:2:1.0-port0";
-        assert_eq!(parse(by_path), Ok((by_path.to_owned(), 115_200)));
+        assert_eq!(parse(by_path), Ok((by_path.to_owned(), None)));
         assert!(parse("/dev/ttyUSB0:0").is_err() && parse(":9600").is_err() && parse("").is_err());
     }
 }

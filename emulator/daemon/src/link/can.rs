@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use nix::errno::Errno;
 use nix::ifaddrs::getifaddrs;
 use nix::net::if_::InterfaceFlags;
-use socketcan::{CanFilter, CanSocket, EmbeddedFrame, Frame, Id, Socket, SocketOptions, StandardId};
+use socketcan::{CanFilter, CanSocket, EmbeddedFrame, ExtendedId, Frame, Id, Socket, SocketOptions, StandardId};
 use tokio::sync::Notify;
 use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 use tokio::task::yield_now;
@@ -72,6 +72,10 @@ pub(super) fn open(
 ) -> Result<impl Link + use<>, LinkError> {
     let socket = connect(address)?;
     let (failures, failed) = unbounded_channel();
+    let name = match unit.device.is_iras() {
+        true => format!("can {} {:X}", address.interface, address.plan.base()),
+        false => format!("can {}", address.interface),
+    };
     let bus = Arc::new(Bus {
         address: address.clone(),
         socket: Mutex::new(None),
@@ -79,7 +83,7 @@ pub(super) fn open(
         turn: tokio::sync::Mutex::new(()),
         answers: Mutex::default(),
         later: Notify::new(),
-        info: LinkInfo::new(model, format!("can {} {:X}", address.interface, address.plan.base())),
+        info: LinkInfo::new(model, name),
     });
     let is_up = is_up(&address.interface);
     tokio::spawn(serve(is_up.then_some(socket), failed, bus.clone(), unit.clone()));
@@ -118,7 +122,10 @@ fn is_up(interface: &str) -> bool {
 
 fn to_socket(content: &WireData) -> Option<socketcan::CanFrame> {
     let WireData::Frame(frame) = content else { return None };
-    socketcan::CanFrame::new(StandardId::new(frame.id())?, frame.data())
+    match frame.is_extended() {
+        true => socketcan::CanFrame::new(ExtendedId::new(frame.id())?, frame.data()),
+        false => socketcan::CanFrame::new(StandardId::new(frame.id() as u16)?, frame.data()),
+    }
 }
 
 impl Bus {

@@ -36,7 +36,7 @@ pub use tcp::TcpAddress;
 /// # Errors
 /// The reason why it cannot be opened, with the way to correct it.
 pub(crate) fn open(address: &LinkAddress, unit: &Arc<SharedUnit>, speedup: f64) -> Result<Box<dyn Link>, LinkError> {
-    let model = address.model();
+    let model = address.model(&unit.device);
     Ok(match address {
         LinkAddress::Pty(path) => Box::new(pty::open(path, model, unit, speedup)?),
         LinkAddress::Serial(address) => Box::new(serial::open(address, model, unit)?),

@@ -15,11 +15,12 @@ use super::send_buffer::Port;
 use super::statistics::Sending;
 use super::stream_sender::{Senders, StreamLink, StreamSender};
 use crate::shared_unit::SharedUnit;
+use geu_protocol::serial::DEFAULT_BAUD;
 use geu_recorder::link_model::LinkModel;
 
 impl SerialAddress {
     fn open(&self) -> io::Result<(SerialStream, Port)> {
-        let builder = tokio_serial::new(&self.device, self.baud)
+        let builder = tokio_serial::new(&self.device, self.baud.unwrap_or(DEFAULT_BAUD))
             .data_bits(DataBits::Eight)
             .parity(Parity::None)
             .stop_bits(StopBits::One);
@@ -33,8 +34,9 @@ impl SerialAddress {
 
 /// Opens the port and serves it.
 pub(super) fn open(address: &SerialAddress, model: LinkModel, unit: &Arc<SharedUnit>) -> Result<StreamLink, LinkError> {
+    let address = &SerialAddress { baud: model.encoding.baud(), ..address.clone() };
     let opened = address.open().map_err(|error| LinkError::Serial(address.device.clone(), error))?;
-    let info = LinkInfo::new(model, format!("serial {} {}", address.device, address.baud));
+    let info = LinkInfo::new(model, format!("serial {} {}", address.device, address.baud.unwrap_or(DEFAULT_BAUD)));
     let sender = StreamSender::new(None, 0.0, info.statistics.clone(), None);
     let commands = CommandServer { unit: unit.clone(), info: info.clone() };
     let senders = Senders::one(&sender);

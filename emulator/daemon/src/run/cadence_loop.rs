@@ -6,7 +6,6 @@ use std::thread;
 use geu_model::CompletedSample;
 use geu_model::fault::engine::ActiveFault;
 use geu_model::fault::{Fault, unsatisfiable_condition};
-use geu_model::units::SAMPLE_INTERVAL_NS;
 
 use super::error::RunError;
 use super::output::{LinkOutput, TimedLinks};
@@ -18,6 +17,9 @@ use crate::lateness::DurationNs;
 use crate::recorder_thread::Status;
 use crate::shared_unit::SharedUnit;
 use crate::truth::SampleReport;
+
+/// Lateness up to which samples are sent, if it is longer than their interval.
+const CATCH_UP_NS: i64 = 100_000_000;
 
 pub(super) struct CadenceLoop {
     links: TimedLinks,
@@ -110,7 +112,7 @@ impl CadenceLoop {
         }
         self.report_missed();
         let acting: &[ActiveFault] = injected.as_ref().map_or(&[], |injected| &injected.acting);
-        let sample = Some(&ended.sample).filter(|_| ended.cyclic);
+        let sample = Some(&ended).filter(|_| ended.cyclic);
         for output in &mut self.links.outputs {
             output.put(sample, frame, ended.end_ns, acting);
             output.prepare(ended.end_ns, &self.links.patience);
@@ -179,9 +181,12 @@ impl CadenceLoop {
     }
 
     /// True if the next sample is due already. In real time the sample that just ended is not sent then: a burst would be the
-    /// behaviour of no real unit. A faster run sends it, because its bytes matter and not its times.
+    /// behaviour of no real unit. A faster run sends it, because its bytes matter and not its times; so does a unit of short
+    /// intervals within [`CATCH_UP_NS`], as the buffer of a serial adapter does.
     fn is_past_next_deadline(&self) -> bool {
-        let is_past = || self.links.wall_ns(self.unit.running().1).is_some_and(|deadline_ns| now_ns() > deadline_ns);
+        let slack_ns = (CATCH_UP_NS - self.unit.device.interval_ns()).max(0);
+        let deadline_ns = || self.links.wall_ns(self.unit.running().1);
+        let is_past = || deadline_ns().is_some_and(|deadline_ns| now_ns() > deadline_ns + slack_ns);
         !self.settings.speed.is_faster_than_real() && is_past()
     }
 
@@ -189,7 +194,7 @@ impl CadenceLoop {
         let missed = std::mem::take(&mut self.missed);
         if missed > 0 {
             self.links.session.monitor.record_missed(missed);
-            let stalled = DurationNs(missed * SAMPLE_INTERVAL_NS as u64);
+            let stalled = DurationNs(missed * self.unit.device.interval_ns() as u64);
             console::say(format_args!(
                 "{missed} samples not sent: process stalled about {stalled}; the sequence continues after them"
             ));

@@ -3,9 +3,9 @@
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
+use geu_model::CompletedSample;
 use geu_model::fault::catalogue::Transport;
 use geu_model::fault::engine::ActiveFault;
-use geu_protocol::Sample;
 
 use super::session::Session;
 use crate::cadence::{DeadlineTimer, now_ns};
@@ -72,8 +72,8 @@ pub(super) struct LinkOutput {
 }
 
 impl LinkOutput {
-    pub fn new(link: Box<dyn Link>) -> LinkOutput {
-        LinkOutput { link, queue: TransmitQueue::default(), prepared: None, handed: Handed::default() }
+    pub fn new(link: Box<dyn Link>, interval_ns: i64) -> LinkOutput {
+        LinkOutput { link, queue: TransmitQueue::new(interval_ns), prepared: None, handed: Handed::default() }
     }
 
     pub fn has_client(&self) -> bool {
@@ -81,7 +81,7 @@ impl LinkOutput {
     }
 
     /// Adds a sample, `None` if none is sent.
-    pub fn put(&mut self, sample: Option<&Sample>, frame: u64, end_ns: i64, acting: &[ActiveFault]) {
+    pub fn put(&mut self, sample: Option<&CompletedSample>, frame: u64, end_ns: i64, acting: &[ActiveFault]) {
         let transmissions = self.link.info().model.carry(sample, frame, acting);
         self.queue.put(transmissions, frame, end_ns);
     }

@@ -130,7 +130,7 @@ pub fn run(
     };
     let (mut control, mut observer, mut publisher) = (None, None, None);
     if let Some(listener) = listener {
-        let (service, events, thread) = ControlService::start()?;
+        let (service, events, thread) = ControlService::start(&configuration.device)?;
         (control, observer, publisher) = (Some((listener, service)), Some(events), Some(thread));
     }
     let unit = Arc::new(SharedUnit::new(configuration, truth, settings.speed, feed, observer));
@@ -171,7 +171,7 @@ async fn run_unit(
     if let Some(address) = address {
         console::ready(&format!("control http://{address}/"));
     }
-    let links = links.into_iter().map(LinkOutput::new).collect();
+    let links = links.into_iter().map(|link| LinkOutput::new(link, unit.device.interval_ns())).collect();
     let (own_session, own_unit, own_settings) = (session.clone(), unit.clone(), settings.clone());
     let work = move || CadenceLoop::run(own_session, own_unit, own_settings, links);
     let (result, links) = session.keep_cadence(&statistics, || unit.completed(), work).await?;
@@ -221,8 +221,8 @@ fn plan_recording(
     truth: &Truth,
     links: &[LinkAddress],
 ) -> (Feed, RecorderThread, Transport) {
-    let links: Vec<LinkModel> = links.iter().map(LinkAddress::model).collect();
-    let wire = wire_beside(recording.wire, &links);
+    let links: Vec<LinkModel> = links.iter().map(|link| link.model(&configuration.device)).collect();
+    let wire = wire_beside(recording.wire, &links, &configuration.device);
     let kind = recorded(wire, configuration, &links).kind;
     let (destination, configuration, truth) = (recording.destination.clone(), configuration.clone(), truth.clone());
     let directory = recording.destination.directory();

@@ -9,9 +9,9 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use geu_model::attitude::Motion;
+use geu_model::device::Device;
 use geu_model::fault::Fault;
 use geu_model::fault::engine::{FaultEngine, FaultStatus};
-use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_model::{CompletedSample, Configuration, InjectionRecord, Truth};
 use geu_protocol::Sample;
 use tokio::sync::Notify;
@@ -51,6 +51,7 @@ struct Inner {
 
 /// The unit and the counts of its commands.
 pub(crate) struct SharedUnit {
+    pub device: Arc<Device>,
     inner: Mutex<Inner>,
     speed: Speed,
     /// A deadline has passed: commands that came shortly before it can be executed.
@@ -81,6 +82,7 @@ impl SharedUnit {
         let mut inner = Inner { source, completed: None, pending: None, recording, observer };
         inner.publish_from(EventSource::take_happened);
         SharedUnit {
+            device: configuration.device.clone(),
             inner: Mutex::new(inner),
             speed,
             passed: Notify::new(),
@@ -170,9 +172,10 @@ impl SharedUnit {
     /// Executes the payload of a COMMAND from `link`, shortly before a deadline only after it. The reply waits until the
     /// command is recorded, for a limited time.
     pub async fn command(&self, link: &str, payload: &[u8]) -> CommandResponse {
-        if self.is_replay {
+        if self.is_replay || !self.device.is_iras() {
             if self.commands.fetch_add(1, Relaxed) == 0 {
-                console::say(format_args!("{link}: command ignored: replay sends no replies (counted)"));
+                let reason = if self.is_replay { "replay sends no replies" } else { "this unit has no commands" };
+                console::say(format_args!("{link}: command ignored: {reason} (counted)"));
             }
             return CommandResponse { reply: None, polled: None, acting: Arc::default() };
         }
@@ -222,7 +225,7 @@ impl SharedUnit {
     /// On-board time, and the faults that have not ended by then: few, however many there were.
     pub fn faults_now(&self) -> (f64, Vec<FaultStatus>) {
         let inner = self.lock();
-        let now_s = inner.source.unit.ended() as f64 * SAMPLE_INTERVAL_S;
+        let now_s = self.device.on_board_s(inner.source.unit.ended());
         let planned = inner.source.unit.faults().planned.iter();
         (now_s, planned.filter(|planned| !planned.is_over_by(now_s)).cloned().collect())
     }
@@ -231,7 +234,7 @@ impl SharedUnit {
     /// read, or if the time of one has passed.
     pub fn inject(&self, known: usize, faults: &[Fault]) -> Option<Vec<Fault>> {
         self.drive(|inner| {
-            let start_s = (inner.source.unit.ended() + 1) as f64 * SAMPLE_INTERVAL_S;
+            let start_s = self.device.on_board_s(inner.source.unit.ended() + 1);
             let is_known = inner.source.unit.faults().planned.len() == known;
             if !is_known || faults.iter().any(|fault| fault.until_s <= start_s) {
                 return None;

@@ -24,13 +24,13 @@ fn a_command_just_before_the_deadline_is_executed_just_after_it() {
     assert_eq!(shared.waiting.load(Relaxed), 1);
     shared.complete();
     let Poll::Ready(answered) = poll.as_mut().poll(&mut context) else { panic!("the deadline has passed") };
-    assert_eq!(answered.polled, Some(first.sample));
+    assert_eq!(answered.polled, Some(first));
     assert_eq!(shared.waiting.load(Relaxed), 0);
     let (second, _) = shared.end_sample();
     assert!(shared.try_command("test", &[3]).is_none());
     shared.complete();
-    assert_eq!(now(&shared, &[3]).polled, Some(second.sample));
-    assert_eq!(now(&shared, &[3]).polled, Some(second.sample));
+    assert_eq!(now(&shared, &[3]).polled, Some(second));
+    assert_eq!(now(&shared, &[3]).polled, Some(second));
 }
 
 #[test]
@@ -84,7 +84,7 @@ fn a_second_unit_repeats_the_published_events() {
     for event in events {
         match event {
             UnitEvent::Sample(ended, traces, _) => {
-                assert_eq!((ended, *traces), unit.end_sample_traced());
+                assert_eq!((ended, traces), unit.end_sample_traced());
                 end_ns = ended.end_ns;
             }
             UnitEvent::Command { payload, running_end_ns, .. } => {

@@ -2,12 +2,14 @@
 
 use std::fmt;
 use std::ops::Range;
+use std::sync::Arc;
 
 use geu_protocol::Gyro;
 use geu_protocol::excerpt::{MAX_QUOTED, excerpt};
 use geu_protocol::suggestion::did_you_mean;
 use toml_edit::{Document, Item, TableLike};
 
+use crate::device::Device;
 use crate::parameter_spec::{DefaultValue, ParameterSet, ParameterSpec, ValueFormat};
 
 /// An error of a configuration with its place.
@@ -45,6 +47,8 @@ impl fmt::Display for ConfigurationError {
 pub struct ConfigText {
     name: String,
     document: Document<String>,
+    /// The unit that the text is about.
+    device: Arc<Device>,
 }
 
 impl ConfigText {
@@ -54,12 +58,17 @@ impl ConfigText {
     /// Text that is not TOML.
     pub fn parse(name: &str, text: &str) -> Result<ConfigText, ConfigurationError> {
         match Document::parse(text.to_owned()) {
-            Ok(document) => Ok(ConfigText { name: name.to_owned(), document }),
+            Ok(document) => Ok(ConfigText { name: name.to_owned(), document, device: Device::iras() }),
             Err(error) => {
                 let message = format!("expected TOML: {}", error.message().replace('\n', "; "));
                 Err(locate(name, text, error.span(), message))
             }
         }
+    }
+
+    /// The text, about another unit.
+    pub fn about(self, device: &Arc<Device>) -> ConfigText {
+        ConfigText { device: device.clone(), ..self }
     }
 
     pub fn root(&self) -> Node<'_> {
@@ -111,6 +120,11 @@ pub struct Node<'a> {
 pub(super) type Read<T> = Result<T, ConfigurationError>;
 
 impl<'a> Node<'a> {
+    /// The unit that the text is about.
+    pub fn device(&self) -> &'a Arc<Device> {
+        &self.source.device
+    }
+
     /// The keys in order.
     pub fn keys(&self) -> Vec<&'a str> {
         self.table.iter().map(|(key, _)| key).collect()
@@ -206,7 +220,10 @@ impl<'a> Node<'a> {
         let value = match form {
             ValueFormat::Real => item.as_float().or_else(|| item.as_integer().map(|value| value as f64)),
             ValueFormat::Flag => item.as_bool().map(f64::from),
-            ValueFormat::Gyro => item.as_str().and_then(Gyro::from_name).map(|gyro| gyro as usize as f64 + 1.0),
+            ValueFormat::Gyro => {
+                let gyro = item.as_str().and_then(|name| self.source.device.gyro(name));
+                gyro.map(|gyro| gyro.index() as f64 + 1.0)
+            }
             // JSON knows one kind of number: 3.0 is whole too.
             ValueFormat::Whole => item
                 .as_integer()
@@ -218,6 +235,10 @@ impl<'a> Node<'a> {
         };
         match value {
             Some(value) if min <= value && value <= max => Ok(Some(value)),
+            _ if form == ValueFormat::Gyro => {
+                let names: Vec<&str> = self.source.device.gyros().map(Gyro::name).collect();
+                Err(self.unexpected(key, &format!("one of {names:?}").replace(['[', ']'], "")))
+            }
             _ => Err(self.unexpected(key, &form.limits(min, max))),
         }
     }

@@ -1,10 +1,12 @@
 //! The effects of a configuration: tables of their codes, their time courses and the discovered terms.
 
+use geu_protocol::Gyro;
 use serde_json::{Map, Value as Json, json};
 
 use super::document::{Node, Read};
 use super::schema::{self, limited, object};
 use super::tree::{Part, describe, has, inline, line, named_effect, one, show_numbers};
+use crate::device::Device;
 use crate::effect::discovered::{self, Formula, Regressor, Term};
 use crate::effect::{EffectConfiguration, EffectSpec, Effects};
 use crate::package::Axes;
@@ -14,7 +16,8 @@ use crate::time_profile::{COURSES, Size, TimeCourse, TimeProfileSpec};
 pub(super) struct EffectTables<'a, E> {
     pub configured: &'a mut EffectConfiguration<E>,
     /// Axes of the gyro; `None` for effects of the unit.
-    pub axes: Option<&'static Axes>,
+    pub axes: Option<Axes>,
+    pub device: &'a Device,
 }
 
 impl<E: Effects> EffectTables<'_, E> {
@@ -22,7 +25,7 @@ impl<E: Effects> EffectTables<'_, E> {
     fn sizes(&self, effect: usize, kind: &TimeProfileSpec) -> Vec<(usize, Size)> {
         let (spec, numbers) = (&self.effects()[effect], self.configured.constant.numbers(effect).specs());
         (0..spec.amplitudes.len())
-            .filter(|&amplitude| has(self.axes, numbers[amplitude].name))
+            .filter(|&amplitude| has(self.axes.as_ref(), numbers[amplitude].name))
             .filter_map(|amplitude| Some((amplitude, kind.size(spec, numbers, amplitude)?)))
             .collect()
     }
@@ -43,6 +46,7 @@ impl<E: Effects> EffectTables<'_, E> {
 
     /// Time courses of one effect: those with the same profile share a key.
     fn show_courses(&self, text: &mut String, effect: usize) {
+        let gyros: Vec<Gyro> = self.device.gyros().collect();
         let spec = &self.effects()[effect];
         let specs = self.configured.constant.numbers(effect).specs();
         let own: Vec<_> = self.configured.courses.iter().filter(|course| course.effect == effect).collect();
@@ -55,7 +59,7 @@ impl<E: Effects> EffectTables<'_, E> {
                 .iter()
                 .filter(|other| other.profile == course.profile)
                 .filter_map(|other| Some((kind.size(spec, specs, other.amplitude)?, other.size)))
-                .map(|(size, value)| format!("{} = {}", size.name, size.form.written(value)));
+                .map(|(size, value)| format!("{} = {}", size.name, size.form.written_of(value, &gyros)));
             let shapes = kind.shapes.iter().zip(course.profile.shapes());
             let shapes = shapes.map(|(shape, value)| format!("{} = {value:?}", shape.name));
             let pairs: Vec<String> = sizes.chain(shapes).collect();
@@ -75,7 +79,19 @@ impl<E: Effects> Part for EffectTables<'_, E> {
             let table = node.table(key)?.expect("a key of the table");
             match kind {
                 Some(kind) => self.read_course(&table, effect, kind)?,
-                None => table.fill(self.configured.constant.numbers_mut(effect), |name| has(self.axes, name), &[])?,
+                None => table.fill(
+                    self.configured.constant.numbers_mut(effect),
+                    |name| has(self.axes.as_ref(), name),
+                    &[],
+                )?,
+            }
+        }
+        let has_output = self.axes.is_none_or(|axes| axes.output().is_some());
+        let absent = E::default();
+        for key in node.keys() {
+            let Some((effect, _)) = named_effect(key, self.effects()) else { continue };
+            if !has_output && self.configured.has(effect) && absent.needs_output_axis(effect) {
+                return Err(node.error(key, format!("expected an effect of a gyro without an output axis, got {key}")));
             }
         }
         let largest = self.configured.largest();
@@ -89,14 +105,15 @@ impl<E: Effects> Part for EffectTables<'_, E> {
     }
 
     fn show(&self, _key: &str, complete: bool, text: &mut String) {
+        let gyros: Vec<Gyro> = self.device.gyros().collect();
         let absent = E::default();
         for (index, spec) in self.effects().iter().enumerate() {
             let present = self.configured.constant.numbers(index);
-            let has = |name: &str| has(self.axes, name);
-            let is_absent = inline(present, has) == inline(absent.numbers(index), has);
+            let has = |name: &str| has(self.axes.as_ref(), name);
+            let is_absent = inline(present, has, &gyros) == inline(absent.numbers(index), has, &gyros);
             if complete || !is_absent {
                 let key = format!("{}{}", if is_absent { "# " } else { "" }, spec.code);
-                show_numbers(text, complete, &key, &title(spec), present, has);
+                show_numbers(text, complete, &key, &title(spec), present, has, &gyros);
             }
             self.show_courses(text, index);
         }
@@ -105,7 +122,8 @@ impl<E: Effects> Part for EffectTables<'_, E> {
     fn schema(&self, _key: &str) -> Map<String, Json> {
         let mut properties = Map::new();
         for (effect, spec) in self.effects().iter().enumerate() {
-            let mut schema = schema::table(self.configured.constant.numbers(effect), &|name| has(self.axes, name));
+            let mut schema =
+                schema::table(self.configured.constant.numbers(effect), &|name| has(self.axes.as_ref(), name));
             schema["description"] = json!(title(spec));
             properties.insert(spec.code.to_owned(), schema);
             for kind in COURSES {

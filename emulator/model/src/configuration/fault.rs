@@ -1,15 +1,18 @@
 //! `[[fault]]` and `[[expect]]`: in a configuration, in a plan of their own, in what is injected live.
 
+use std::sync::Arc;
+
 use geu_protocol::Gyro;
 
 use super::Configuration;
 use super::document::{ConfigText, ConfigurationError, Node, Read};
 use super::identifiers::{FaultIds, Identifiers};
 pub use super::plan::{fault_text, plan_text};
+use crate::device::Device;
 use crate::fault::catalogue::{CATALOGUE, FaultSpec, Scope, Transport};
 use crate::fault::expectation::{Expectation, TimeWindow};
 use crate::fault::expression::Expression;
-use crate::fault::{Fault, FaultKind, ParameterRef};
+use crate::fault::{EffectList, Fault, FaultKind, ParameterRef};
 use crate::parameter_spec::numbers;
 use crate::time_profile::{FAULT_PROFILES, TimeProfile};
 
@@ -70,7 +73,7 @@ impl Configuration {
     /// # Errors
     /// The first thing wrong, with its line; nothing is added then.
     pub fn add_plan(&mut self, name: &str, text: &str) -> Result<(), ConfigurationError> {
-        let source = ConfigText::parse(name, text)?;
+        let source = ConfigText::parse(name, text)?.about(&self.device);
         let root = source.root();
         root.only(&[FAULT, EXPECT])?;
         let faults = read_faults(&root, &self.faults, &Transport::ALL, self.run.injected.len())?;
@@ -81,12 +84,18 @@ impl Configuration {
     }
 }
 
-/// Reads one fault from a text of its keys alone, for a run that has `others` and these links.
+/// Reads one fault from a text of its keys alone, for a run of a unit that has `others` and these links.
 ///
 /// # Errors
 /// The first thing wrong, with its line.
-pub fn read_fault_text(name: &str, text: &str, others: &[Fault], links: &[Transport]) -> Read<Fault> {
-    let source = ConfigText::parse(name, text)?;
+pub fn read_fault_text(
+    device: &Arc<Device>,
+    name: &str,
+    text: &str,
+    others: &[Fault],
+    links: &[Transport],
+) -> Read<Fault> {
+    let source = ConfigText::parse(name, text)?.about(device);
     let root = source.root();
     // What a plan refuses is refused here too: a recording of the run is read as a plan.
     few_enough(&root, others.len() + 1, others.len())?;
@@ -95,12 +104,18 @@ pub fn read_fault_text(name: &str, text: &str, others: &[Fault], links: &[Transp
     Ok(fault)
 }
 
-/// Reads the faults of a plan, a text with `[[fault]]` and nothing else, for a run that has `others` and these links.
+/// Reads the faults of a plan, a text with `[[fault]]` and nothing else, for a run of a unit that has `others` and these links.
 ///
 /// # Errors
 /// The first thing wrong, with its line; expectations, which a run has from its start.
-pub fn read_plan_text(name: &str, text: &str, others: &[Fault], links: &[Transport]) -> Read<Vec<Fault>> {
-    let source = ConfigText::parse(name, text)?;
+pub fn read_plan_text(
+    device: &Arc<Device>,
+    name: &str,
+    text: &str,
+    others: &[Fault],
+    links: &[Transport],
+) -> Read<Vec<Fault>> {
+    let source = ConfigText::parse(name, text)?.about(device);
     let root = source.root();
     root.only(&[FAULT, EXPECT])?;
     if let Some(node) = root.tables(EXPECT)?.first() {
@@ -161,7 +176,11 @@ fn read_fault(node: &Node, identifiers: &mut Identifiers, links: &[Transport]) -
         node.only(&[&["parameter", "course", "gyro"][..], &common].concat())?;
         let target = read_target(node)?;
         let (size, course) = read_course(node, &target)?;
-        (FaultKind::Parameter { target, size, course }, read_gyro(node, &target.gyros(), &target.name())?, None)
+        (
+            FaultKind::Parameter { target, size, course },
+            read_gyro(node, target.list == EffectList::Unit, &target.gyros(node.device()), &target.name())?,
+            None,
+        )
     } else {
         let spec = read_spec(node)?;
         let own: &[&str] = match spec.scope {
@@ -172,7 +191,11 @@ fn read_fault(node: &Node, identifiers: &mut Identifiers, links: &[Transport]) -
         let numbers: Vec<&str> = spec.numbers.iter().map(|number| number.name).collect();
         node.only(&[own, &numbers, &common].concat())?;
         let values = spec.numbers.iter().map(|number| node.number(number)).collect::<Read<Vec<f64>>>()?;
-        let gyro = if spec.scope == Scope::Gyro { read_gyro(node, &Gyro::ALL, spec.code)? } else { None };
+        let gyro = if spec.scope == Scope::Gyro {
+            read_gyro(node, false, &node.device().gyros().collect::<Vec<_>>(), spec.code)?
+        } else {
+            None
+        };
         let link = if spec.scope == Scope::Link { read_link(node, spec)? } else { None };
         // A fault that no link supports is rejected with its link.
         let links = link.as_ref().map_or(links, std::slice::from_ref);
@@ -185,7 +208,7 @@ fn read_fault(node: &Node, identifiers: &mut Identifiers, links: &[Transport]) -
         if !has(key) {
             return Ok(None);
         }
-        node.text(key)?.parse().map(Some).map_err(|expected: String| node.unexpected(key, &expected))
+        Expression::about(node.text(key)?, node.device()).map(Some).map_err(|expected| node.unexpected(key, &expected))
     };
     let FaultNumbers { at_s, probability, by_hand, for_s, until_s, release_s, times } = node.numbers()?;
     if until_s <= at_s {
@@ -236,15 +259,21 @@ fn read_spec(node: &Node) -> Read<&'static FaultSpec> {
     Ok(FaultSpec::from_name(node.choice("fault", &codes)?).expect("a listed code"))
 }
 
-fn read_gyro(node: &Node, valid: &[Gyro], what: &str) -> Read<Option<Gyro>> {
-    if valid.is_empty() {
+fn read_gyro(node: &Node, is_of_unit: bool, valid: &[Gyro], what: &str) -> Read<Option<Gyro>> {
+    if is_of_unit {
         return match node.keys().contains(&"gyro") {
             false => Ok(None),
             true => Err(node.unexpected("gyro", &format!("no gyro for {what}, which is the whole unit's,"))),
         };
     }
+    if valid.is_empty() {
+        return Err(node.unexpected(
+            "parameter",
+            &format!("a parameter that this unit has: {what} needs a gyro with an output axis;"),
+        ));
+    }
     let names: Vec<&str> = valid.iter().map(|gyro| gyro.name()).collect();
-    Ok(Gyro::from_name(node.choice("gyro", &names)?))
+    Ok(node.device().gyro(node.choice("gyro", &names)?))
 }
 
 fn read_link(node: &Node, spec: &FaultSpec) -> Read<Option<Transport>> {
@@ -303,8 +332,8 @@ pub(super) fn read_expectations(root: &Node, before: &[Expectation], faults: &[F
     for node in &nodes {
         let numbers: Vec<&str> = ExpectationNumbers::NUMBERS.iter().map(|number| number.name).collect();
         node.only(&[&["id", "after", "condition"][..], &numbers].concat())?;
-        let condition: Expression =
-            node.text("condition")?.parse().map_err(|expected: String| node.unexpected("condition", &expected))?;
+        let condition = Expression::about(node.text("condition")?, node.device())
+            .map_err(|expected| node.unexpected("condition", &expected))?;
         known.check(node, "condition", condition.faults())?;
         let after = if node.keys().contains(&"after") { Some(node.text("after")?) } else { None };
         known.check(node, "after", after)?;

@@ -13,14 +13,17 @@ mod run;
 mod scenario;
 mod schema;
 mod tree;
+mod unit;
 
 use std::collections::HashSet;
+use std::sync::Arc;
 
 pub use document::{ConfigText, ConfigurationError, Node};
 pub use run::{EndedEarly, LinkLogFormat, RecordedCommand, RunRecord};
 use tree::{PSI, THETA};
 
 use crate::attitude::{LimitCycle, Scenario, TruthNumbers};
+use crate::device::Device;
 use crate::effect::discovered::{self, Term};
 use crate::effect::{
     CALIBRATION_COLUMN, DISCOVERED_COLUMN, EffectConfiguration, FAULT_COLUMN, GyroEffects, HEAD_COLUMNS, POWER_COLUMN,
@@ -49,13 +52,15 @@ pub struct GyroConfiguration {
 /// A configuration that can be run: every number within its limits, the scenario possible.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Configuration {
+    /// The unit.
+    pub device: Arc<Device>,
     pub seed: u64,
     /// Time at the start of the first sample interval, Unix time, ns.
     pub start_unix_ns: i64,
     pub unit: EffectConfiguration<UnitEffects>,
     pub electronics: ElectronicsCourse,
-    /// The gyros in wire order.
-    pub gyros: [GyroConfiguration; 4],
+    /// The gyros, as the unit has them.
+    pub gyros: Vec<GyroConfiguration>,
     pub sensors: SensorNumbers,
     pub scenario: Scenario,
     /// Parameters of an external truth, which replaces the scenario.
@@ -72,12 +77,33 @@ impl Configuration {
     /// The first thing wrong, with its line: not TOML, an unknown key, a number out of its limits, an impossible
     /// manoeuvre.
     pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Configuration, ConfigurationError> {
-        let configuration = Configuration::read(&ConfigText::parse(name, text)?.root())?;
+        Configuration::parse_for(None, name, text, overrides)
+    }
+
+    /// Reads a configuration of this unit, if there is one, else of the unit that it names.
+    ///
+    /// # Errors
+    /// As [`Configuration::parse`]; a configuration of another unit.
+    pub fn parse_for(
+        device: Option<&Arc<Device>>,
+        name: &str,
+        text: &str,
+        overrides: &[String],
+    ) -> Result<Configuration, ConfigurationError> {
+        let configuration = Configuration::read(ConfigText::parse(name, text)?, device)?;
         if overrides.is_empty() {
             return Ok(configuration);
         }
         let text = edit::with_overrides(name, text, overrides)?;
-        Configuration::read(&ConfigText::parse(&format!("{name} with --set"), &text)?.root())
+        Configuration::read(ConfigText::parse(&format!("{name} with --set"), &text)?, device)
+    }
+
+    /// A unit without errors, at rest, with overrides, each `PATH=VALUE`.
+    ///
+    /// # Errors
+    /// As [`Configuration::parse`].
+    pub fn of_device(device: &Arc<Device>, overrides: &[String]) -> Result<Configuration, ConfigurationError> {
+        Configuration::parse_for(Some(device), &format!("configuration of {}", device.name), "", overrides)
     }
 
     /// The text of a configuration with values put in, each `PATH=VALUE`; comments and order stay.
@@ -109,6 +135,11 @@ impl Configuration {
     /// The text of the built-in configuration, with its comments.
     pub const fn reference_text() -> &'static str {
         REFERENCE
+    }
+
+    /// Calibrations of the default unit.
+    pub fn calibrations(&self) -> [Calibration; 4] {
+        std::array::from_fn(|gyro| self.gyros[gyro].calibration)
     }
 
     /// Removes the effects that draw random numbers.
@@ -158,20 +189,21 @@ impl Configuration {
 
     /// The JSON schema (2020-12).
     pub fn schema() -> serde_json::Value {
-        let mut schema = tree::schema(&Configuration::neutral().tree());
+        let mut schema = tree::schema(&Configuration::neutral(Device::iras()).tree());
         schema["$schema"] = "https://json-schema.org/draft/2020-12/schema".into();
         schema["title"] = "GEU configuration".into();
         schema
     }
 
     /// The configuration of an empty file.
-    fn neutral() -> Configuration {
+    fn neutral(device: Arc<Device>) -> Configuration {
         Configuration {
+            gyros: vec![GyroConfiguration::default(); device.heads.len()],
+            device,
             seed: 1,
             start_unix_ns: 0,
             unit: EffectConfiguration::default(),
             electronics: ElectronicsCourse::default(),
-            gyros: Default::default(),
             sensors: SensorNumbers::default(),
             scenario: Scenario {
                 theta_deg: THETA.default.initial(),
@@ -186,8 +218,11 @@ impl Configuration {
         }
     }
 
-    fn read(root: &Node) -> Result<Configuration, ConfigurationError> {
-        let mut configuration = Configuration::neutral();
+    fn read(text: ConfigText, device: Option<&Arc<Device>>) -> Result<Configuration, ConfigurationError> {
+        let device = unit::read(&text.root(), device)?;
+        let text = text.about(&device);
+        let root = &text.root();
+        let mut configuration = Configuration::neutral(device);
         tree::read(&mut configuration.tree(), root)?;
         scenario::verify(root, &configuration.scenario)?;
         let run = &configuration.run;

@@ -1,16 +1,21 @@
 //! Faults and expectations as TOML, and as a part of the configuration's tree.
 
+use geu_protocol::Gyro;
 use serde_json::{Map, Value as Json, json};
 
 use super::document::{Node, Read};
 use super::fault::{EXPECT, FAULT, FAULT_TEXTS, FaultNumbers};
 use super::schema;
 use super::tree::{Part, describe, line, one, present, quoted};
+use crate::device::Device;
 use crate::fault::expectation::{Expectation, TimeWindow};
 use crate::fault::{Fault, FaultKind};
+use crate::parameter_spec::ParameterSpec;
 
-/// One fault as TOML, its keys alone.
-pub fn fault_text(fault: &Fault) -> String {
+/// One fault of a unit as TOML, its keys alone.
+pub fn fault_text(device: &Device, fault: &Fault) -> String {
+    let gyros: Vec<Gyro> = device.gyros().collect();
+    let written = |number: &ParameterSpec, value: f64| number.form.written_of(value, &gyros);
     let mut text = String::new();
     let mut put = |key: &str, value: String| line!(text, "{key} = {value}");
     put("id", format!("{:?}", fault.id));
@@ -18,15 +23,15 @@ pub fn fault_text(fault: &Fault) -> String {
         FaultKind::Parameter { target, size, course } => {
             put("parameter", format!("{:?}", target.name()));
             let kind = course.spec;
-            let written = kind.shapes.iter().zip(course.shapes()).filter(|(_, value)| value.is_finite());
-            let written: Vec<String> = std::iter::once(format!("{} = {}", kind.name, target.number().written(*size)))
-                .chain(written.map(|(number, value)| format!("{} = {}", number.name, number.written(*value))))
+            let shapes = kind.shapes.iter().zip(course.shapes()).filter(|(_, value)| value.is_finite());
+            let course: Vec<String> = std::iter::once(format!("{} = {}", kind.name, written(target.number(), *size)))
+                .chain(shapes.map(|(number, value)| format!("{} = {}", number.name, written(number, *value))))
                 .collect();
-            put("course", format!("{{ {} }}", written.join(", ")));
+            put("course", format!("{{ {} }}", course.join(", ")));
         }
         FaultKind::Named { spec, values } => {
             put("fault", format!("{:?}", spec.code));
-            spec.numbers.iter().zip(values).for_each(|(number, value)| put(number.name, number.written(*value)));
+            spec.numbers.iter().zip(values).for_each(|(number, value)| put(number.name, written(number, *value)));
         }
     }
     if let Some(gyro) = fault.gyro {
@@ -51,7 +56,7 @@ pub fn fault_text(fault: &Fault) -> String {
     };
     for (number, value) in present(&numbers) {
         if number.default.initial() != value || number.name == "at_s" && fault.when.is_none() {
-            put(number.name, number.written(value));
+            put(number.name, written(number, value));
         }
     }
     if let Some(seed) = fault.seed {
@@ -60,11 +65,11 @@ pub fn fault_text(fault: &Fault) -> String {
     text
 }
 
-/// Faults and expectations as a plan.
-pub fn plan_text(faults: &[Fault], expectations: &[Expectation]) -> String {
+/// Faults and expectations of a unit as a plan.
+pub fn plan_text(device: &Device, faults: &[Fault], expectations: &[Expectation]) -> String {
     let mut text = String::new();
     for fault in faults {
-        text += &format!("\n[[{FAULT}]]\n{}", fault_text(fault));
+        text += &format!("\n[[{FAULT}]]\n{}", fault_text(device, fault));
     }
     for Expectation { id, after, at_s, condition, window } in expectations {
         text += &format!("\n[[{EXPECT}]]\nid = {id:?}\n");
@@ -83,6 +88,7 @@ pub fn plan_text(faults: &[Fault], expectations: &[Expectation]) -> String {
 
 /// Faults and expectations of a configuration, which are read after everything that they refer to.
 pub(super) struct Plan<'a> {
+    pub device: &'a Device,
     pub faults: &'a [Fault],
     pub expectations: &'a [Expectation],
 }
@@ -106,11 +112,11 @@ impl Part for Plan<'_> {
             let fault = "at_s = 100.0, gyro = \"GYRX\", parameter = \"pivot-clearance.clearance_arcsec\"";
             line!(text, "# fault = [{{ {fault}, course = {{ step = 11.5 }}, for_s = 600.0 }}]");
         }
-        *text += &plan_text(self.faults, self.expectations);
+        *text += &plan_text(self.device, self.faults, self.expectations);
     }
 
     fn schema(&self, key: &str) -> Map<String, Json> {
-        let items = if key == FAULT { json!({ "oneOf": schema::faults() }) } else { schema::expectation() };
+        let items = if key == FAULT { json!({ "oneOf": schema::faults(self.device) }) } else { schema::expectation() };
         one(key, json!({ "type": "array", "items": items }))
     }
 }

@@ -4,6 +4,7 @@ use geu_protocol::Gyro;
 use serde_json::{Map, Value, json};
 
 use super::fault::{ExpectationNumbers, FAULT_TEXTS, FaultNumbers};
+use crate::device::Device;
 use crate::fault::ParameterRef;
 use crate::fault::catalogue::{CATALOGUE, Scope, Transport};
 use crate::parameter_spec::{DefaultValue, ParameterSet, ParameterSpec, ValueFormat};
@@ -77,7 +78,7 @@ fn gyro_names(gyros: &[Gyro]) -> Value {
 }
 
 /// One schema for each parameter and each fault that has a name.
-pub(super) fn faults() -> Vec<Value> {
+pub(super) fn faults(device: &Device) -> Vec<Value> {
     let parameters = ParameterRef::all().into_iter().map(|target| {
         let (min, max) = target.limits();
         let courses: Vec<Value> = FAULT_PROFILES
@@ -95,8 +96,8 @@ pub(super) fn faults() -> Vec<Value> {
         properties.insert("parameter".to_owned(), json!({ "const": target.name() }));
         properties.insert("course".to_owned(), json!({ "oneOf": courses }));
         let mut required = vec!["parameter", "course"];
-        if !target.gyros().is_empty() {
-            properties.insert("gyro".to_owned(), gyro_names(&target.gyros()));
+        if !target.gyros(device).is_empty() {
+            properties.insert("gyro".to_owned(), gyro_names(&target.gyros(device)));
             required.push("gyro");
         }
         object(properties, &required)
@@ -110,7 +111,7 @@ pub(super) fn faults() -> Vec<Value> {
         let mut required = [&["fault"], &required(spec.numbers)[..]].concat();
         match spec.scope {
             Scope::Gyro => {
-                properties.insert("gyro".to_owned(), gyro_names(&Gyro::ALL));
+                properties.insert("gyro".to_owned(), gyro_names(&device.gyros().collect::<Vec<_>>()));
                 required.push("gyro");
             }
             Scope::Link => {

@@ -30,7 +30,7 @@ enum Value<'a> {
     /// A number.
     Number(&'static ParameterSpec, &'a mut f64),
     /// An inline table of numbers that a gyro with these axes has. `true`: its schema has the title.
-    Numbers { title: (&'static str, bool), numbers: &'a mut dyn ParameterSet, axes: Option<&'static Axes> },
+    Numbers { title: (&'static str, bool), numbers: &'a mut dyn ParameterSet, axes: Option<Axes> },
     /// A table with a header.
     Table(Vec<Field<'a>>),
     /// A form of its own.
@@ -66,20 +66,22 @@ pub(super) use line;
 impl Configuration {
     /// The fields in the order of display.
     pub(super) fn tree(&mut self) -> Vec<Field<'_>> {
-        let Configuration { scenario, electronics, sensors, .. } = self;
-        let gyros = Gyro::ALL.into_iter().zip(&mut self.gyros).map(|(gyro, own)| {
-            let axes = Some(Axes::of(gyro));
+        let Configuration { scenario, electronics, sensors, device, gyros, .. } = self;
+        let device = &**device;
+        let gyros = device.heads.iter().zip(gyros).map(|(head, own)| {
+            let axes = Some(head.axes);
             let title = ("the unit's own parameters, and the believed ones", false);
             let fields = vec![
                 Field { key: "calibration", value: Value::Numbers { title, numbers: &mut own.calibration, axes } },
                 part(discovered::CODE, &mut own.discovered),
-                part("", EffectTables { configured: &mut own.effects, axes }),
-                part("", EffectTables { configured: &mut own.wiring, axes }),
+                part("", EffectTables { configured: &mut own.effects, axes, device }),
+                part("", EffectTables { configured: &mut own.wiring, axes, device }),
             ];
-            table(gyro.name(), fields)
+            table(head.gyro.name(), fields)
         });
         let gyros = gyros.collect();
         vec![
+            part("device", device),
             part("seed", &mut self.seed),
             part("start_unix_s", &mut self.start_unix_ns),
             table(
@@ -99,7 +101,7 @@ impl Configuration {
                     part("electronics_table", &mut electronics.table),
                 ],
             ),
-            table("unit", vec![part("", EffectTables { configured: &mut self.unit, axes: None })]),
+            table("unit", vec![part("", EffectTables { configured: &mut self.unit, axes: None, device })]),
             table("gyro", gyros),
             table(
                 "sensors",
@@ -112,8 +114,8 @@ impl Configuration {
                     ),
                 ],
             ),
-            part(FAULT, Plan { faults: &self.faults, expectations: &self.expectations }),
-            part(EXPECT, Plan { faults: &self.faults, expectations: &self.expectations }),
+            part(FAULT, Plan { device, faults: &self.faults, expectations: &self.expectations }),
+            part(EXPECT, Plan { device, faults: &self.faults, expectations: &self.expectations }),
             part("run", &mut self.run),
         ]
     }
@@ -172,7 +174,7 @@ pub(super) fn read(fields: &mut [Field], node: &Node) -> Read<()> {
             Value::Part(part) => part.read(node, key)?,
             Value::Numbers { numbers, axes, .. } => {
                 if let Some(node) = node.table(key)? {
-                    node.fill(*numbers, |name| has(*axes, name), &[])?;
+                    node.fill(*numbers, |name| has(axes.as_ref(), name), &[])?;
                 }
             }
             Value::Table(fields) => {
@@ -194,7 +196,7 @@ pub(super) fn show(fields: &[Field], path: &str, complete: bool, text: &mut Stri
                 line!(text, "{key} = {value:?}{comment}");
             }
             Value::Numbers { title: (title, _), numbers, axes } => {
-                show_numbers(text, complete, key, title, *numbers, |name| has(*axes, name));
+                show_numbers(text, complete, key, title, *numbers, |name| has(axes.as_ref(), name), &[]);
             }
             Value::Table(fields) => {
                 let path = if path.is_empty() { (*key).to_owned() } else { format!("{path}.{key}") };
@@ -215,7 +217,7 @@ pub(super) fn schema(fields: &[Field]) -> Json {
         let schema = match value {
             Value::Number(spec, _) => schema::number(spec),
             Value::Numbers { title: (title, is_shown), numbers, axes } => {
-                let mut schema = schema::table(*numbers, &|name| has(*axes, name));
+                let mut schema = schema::table(*numbers, &|name| has(axes.as_ref(), name));
                 if *is_shown {
                     schema["description"] = json!(title);
                 }
@@ -244,11 +246,11 @@ pub(super) fn present(numbers: &dyn ParameterSet) -> impl Iterator<Item = (&'sta
 }
 
 /// The inline table of the numbers.
-pub(super) fn inline(numbers: &dyn ParameterSet, has: impl Fn(&str) -> bool) -> String {
+pub(super) fn inline(numbers: &dyn ParameterSet, has: impl Fn(&str) -> bool, gyros: &[Gyro]) -> String {
     let pairs: Vec<String> = present(numbers)
         // A gyro number of 0 has no name to write.
         .filter(|(number, value)| has(number.name) && (number.form != ValueFormat::Gyro || *value != 0.0))
-        .map(|(number, value)| format!("{} = {}", number.name, number.written(value)))
+        .map(|(number, value)| format!("{} = {}", number.name, number.form.written_of(value, gyros)))
         .collect();
     format!("{{ {} }}", pairs.join(", "))
 }
@@ -268,12 +270,13 @@ pub(super) fn show_numbers(
     title: &str,
     numbers: &dyn ParameterSet,
     has: impl Fn(&str) -> bool,
+    gyros: &[Gyro],
 ) {
     if complete {
         line!(text, "# {title}");
         describe(text, numbers.specs().iter().filter(|spec| has(spec.name)));
     }
-    line!(text, "{key} = {}", inline(numbers, has));
+    line!(text, "{key} = {}", inline(numbers, has, gyros));
 }
 
 /// A text as TOML.

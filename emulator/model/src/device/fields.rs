@@ -49,7 +49,7 @@ impl<'a> Fields<'a> {
     ///
     /// # Errors
     /// It has another name, and with it another unit; or another quantity has the name. In words.
-    fn slot(&mut self, quantity: Quantity, name: String) -> Result<usize, String> {
+    fn slot(&mut self, quantity: Quantity, name: String, factor: f64) -> Result<usize, String> {
         if let Some(slot) = self.set.slot(&quantity) {
             let known = &self.set.values[slot].name;
             return match *known == name {
@@ -61,7 +61,7 @@ impl<'a> Fields<'a> {
         if let Some(other) = names.into_iter().find(|other| other.eq_ignore_ascii_case(&name)) {
             return Err(format!("expected a name of its own, got {name} beside {other}"));
         }
-        self.set.values.push(ValueSpec { quantity, name });
+        self.set.values.push(ValueSpec { quantity, name, factor });
         Ok(self.set.values.len() - 1)
     }
 
@@ -111,7 +111,7 @@ impl<'a> Fields<'a> {
             "degC" => "_c".to_owned(),
             unit => format!("_{}", unit.replace('/', "_")),
         };
-        let slot = self.slot(quantity, stem + &suffix).map_err(|message| node.error(key, message))?;
+        let slot = self.slot(quantity, stem + &suffix, factor).map_err(|message| node.error(key, message))?;
         if is_output && self.outputs.contains(&slot) {
             return Err(node.error("head", "expected one field for the output of a head, got another one".to_owned()));
         }
@@ -202,7 +202,7 @@ impl<'a> Fields<'a> {
         let carried: Vec<usize> = frames.flat_map(|frame| &frame.fields).map(|field| field.slot).collect();
         let has = |quantity: Quantity| self.set.slot(&quantity).is_some_and(|slot| carried.contains(&slot));
         if let Some(head) = (0..self.device.heads.len()).find(|head| !has(Quantity::Output(*head))) {
-            let name = &self.device.heads[head].name;
+            let name = self.device.heads[head].gyro.name();
             let message =
                 format!("expected a field for each head in a frame of every sample, got none for head {name}");
             return Err(node.error(key, message));
@@ -268,7 +268,7 @@ impl<'a> Fields<'a> {
                     );
                 }
             };
-            let slot = self.slot(quantity, column).map_err(|message| node.error(name, message))?;
+            let slot = self.slot(quantity, column, 1.0).map_err(|message| node.error(name, message))?;
             let field = Field::new(slot, word.bits_of(bit as u32, 1));
             fields.push(if is_inverted { field.scaled(-1.0, 1.0) } else { field });
         }

@@ -5,22 +5,26 @@
 //! ```
 //! use geu_model::device::Device;
 //! let device = Device::from_name("stim300").unwrap();
-//! assert_eq!(device.heads.iter().map(|head| head.name.as_str()).collect::<Vec<_>>(), ["X", "Y", "Z"]);
+//! assert_eq!(device.gyros().map(|gyro| gyro.name()).collect::<Vec<_>>(), ["X", "Y", "Z"]);
 //! ```
 
 mod can;
 mod fields;
+mod output;
 mod serial;
 
-use std::sync::Arc;
+use std::cell::RefCell;
+use std::sync::{Arc, LazyLock};
 
+use geu_protocol::Gyro;
 use geu_protocol::describe::Wire;
-use geu_protocol::layout::ValueSpec;
+use geu_protocol::layout::{Coding, Quantity, ValueSpec};
 use geu_protocol::suggestion::did_you_mean;
 
 use crate::configuration::{ConfigText, ConfigurationError, Node};
+use crate::package::Axes;
 use crate::parameter_spec::ValueFormat;
-use crate::units::ARCSEC_PER_DEG;
+use crate::units::{ARCSEC_PER_DEG, FULL_SCALE_ARCSEC_S, SAMPLE_INTERVAL_S};
 
 use self::fields::is_identifier;
 pub use can::CanWire;
@@ -43,16 +47,35 @@ pub enum Output {
 /// One gyro of a unit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Head {
+    pub gyro: Gyro,
+    pub axes: Axes,
+    /// Nominal size of one count, arcsec.
+    pub count_arcsec: f64,
+    /// True if the output is a whole number of counts.
+    pub is_rounded: bool,
+}
+
+impl Head {
+    /// This number of counts as the output has it.
+    #[inline]
+    pub fn rounded(&self, counts: f64) -> f64 {
+        if self.is_rounded { counts.round() } else { counts }
+    }
+}
+
+/// The text of a description, and of the files that it names.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct DeviceText {
+    /// Name of the unit, or of the file.
     pub name: String,
-    /// Input axis, a unit vector of the unit's frame.
-    pub input: [f64; 3],
-    /// Output axis of a gyro with a float or gimbal.
-    pub output: Option<[f64; 3]>,
+    pub text: String,
+    pub files: Vec<(String, String)>,
 }
 
 /// A unit as its description has it.
 #[derive(Debug, Clone)]
 pub struct Device {
+    pub description: DeviceText,
     pub name: String,
     /// Documents of the numbers.
     pub source: String,
@@ -62,8 +85,16 @@ pub struct Device {
     /// Largest rate, arcsec/s; outputs beyond it are clipped.
     pub range_arcsec_s: f64,
     pub heads: Vec<Head>,
+    /// The link of the default unit is not described: it has a codec of its own.
     pub serial: Option<SerialWire>,
     pub can: Option<CanWire>,
+}
+
+/// Descriptions with the same text are the same.
+impl PartialEq for Device {
+    fn eq(&self, other: &Device) -> bool {
+        self.description == other.description
+    }
 }
 
 /// Declares the units of `configs/devices`: name, description, and the files that the description names.
@@ -103,7 +134,75 @@ impl Device {
             known.map(|(_, text)| (*text).to_owned()).ok_or_else(|| "no such file".to_owned())
         };
         let device = Device::parse(&format!("{name}.toml"), text, &files);
-        Some(device.unwrap_or_else(|error| panic!("{error}")))
+        let description = DeviceText { name: (*name).to_owned(), ..DeviceText::default() };
+        Some(Device { description, ..device.unwrap_or_else(|error| panic!("{error}")) })
+    }
+
+    /// The default unit, four floated gyros with outputs of 16 bits (Casteren §2, §5).
+    pub fn iras() -> Arc<Device> {
+        static IRAS: LazyLock<Arc<Device>> = LazyLock::new(|| {
+            let head = |gyro| Head { gyro, axes: *Axes::of(gyro), count_arcsec: 1.0, is_rounded: true };
+            Arc::new(Device {
+                description: DeviceText::default(),
+                name: "IRAS gyro unit".to_owned(),
+                source: "Casteren".to_owned(),
+                interval_s: SAMPLE_INTERVAL_S,
+                output: Output::Increment,
+                range_arcsec_s: FULL_SCALE_ARCSEC_S,
+                heads: Gyro::ALL.map(head).to_vec(),
+                serial: None,
+                can: None,
+            })
+        });
+        IRAS.clone()
+    }
+
+    /// True for the default unit, with commands and links of its own.
+    pub fn is_iras(&self) -> bool {
+        self.serial.is_none() && self.can.is_none()
+    }
+
+    /// Nominal interval of samples, ns.
+    pub fn interval_ns(&self) -> i64 {
+        (self.interval_s * 1e9).round() as i64
+    }
+
+    /// Interval of a reference attitude, ns: that of the samples, or a multiple of it of 10 ms or more.
+    pub fn reference_interval_ns(&self) -> i64 {
+        let interval_ns = self.interval_ns().max(1);
+        interval_ns * (10_000_000 + interval_ns - 1).div_euclid(interval_ns).max(1)
+    }
+
+    /// On-board time at which a sample begins, since the start of the first, s.
+    pub fn on_board_s(&self, sample: u64) -> f64 {
+        sample as f64 * self.interval_s
+    }
+
+    /// Smallest and largest output of a head, counts; those of 16 bits for the default unit.
+    pub fn limits(&self, head: &Head) -> (f64, f64) {
+        if self.is_iras() {
+            return (f64::from(i16::MIN), f64::from(i16::MAX));
+        }
+        let most = head.rounded(self.range_arcsec_s * self.interval_s / head.count_arcsec);
+        (-most, most)
+    }
+
+    /// Angle of an output over the nominal interval in the unit of its field, arcsec.
+    fn arcsec_per_unit(&self, value: &ValueSpec) -> f64 {
+        match self.output {
+            Output::Increment => value.factor,
+            Output::Rate => value.factor * self.interval_s,
+        }
+    }
+
+    /// The gyros.
+    pub fn gyros(&self) -> impl Iterator<Item = Gyro> {
+        self.heads.iter().map(|head| head.gyro)
+    }
+
+    /// The gyro of that name.
+    pub fn gyro(&self, name: &str) -> Option<Gyro> {
+        self.gyros().find(|gyro| gyro.name() == name)
     }
 
     /// Reads a description; errors call it `name`. `files` reads the files that it names.
@@ -118,21 +217,31 @@ impl Device {
         let node = node.ok_or_else(|| root.error("device", "expected a table [device], got none".to_owned()))?;
         node.only(&["name", "source", "interval_s", "output", "range_arcsec_s", "head", "serial", "can"])?;
         let heads = node.tables("head")?;
-        let heads = heads.iter().map(head).collect::<Result<Vec<_>, _>>()?;
+        let heads = heads.iter().zip(0..=u8::MAX);
+        let heads = heads.map(|(node, index)| head(node, index)).collect::<Result<Vec<_>, _>>()?;
         if heads.is_empty() || heads.len() > MAX_HEADS {
             let message = format!("expected 1 to {MAX_HEADS} tables [[device.head]], got {}", heads.len());
             return Err(node.error("head", message));
         }
         for (index, head) in heads.iter().enumerate() {
-            if heads[..index].iter().any(|other| other.name == head.name) {
-                return Err(node.error("head", format!("expected heads of different names, got {} twice", head.name)));
+            if heads[..index].iter().any(|other| other.gyro.name() == head.gyro.name()) {
+                return Err(
+                    node.error("head", format!("expected heads of different names, got {} twice", head.gyro.name()))
+                );
             }
         }
         let output = match node.choice("output", &["increment", "rate"])? {
             "rate" => Output::Rate,
             _ => Output::Increment,
         };
+        let read = RefCell::new(Vec::new());
+        let files = |name: &str| {
+            let text = files(name)?;
+            read.borrow_mut().push((name.to_owned(), text.clone()));
+            Ok(text)
+        };
         let mut device = Device {
+            description: DeviceText { name: name.to_owned(), text: text.to_owned(), files: Vec::new() },
             name: node.text("name")?.to_owned(),
             source: node.text("source")?.to_owned(),
             interval_s: positive(&node, "interval_s", 1e-5, 1e4)?,
@@ -144,7 +253,7 @@ impl Device {
         };
         device.serial = node.table("serial")?.map(|serial| SerialWire::read(&serial, &device)).transpose()?;
         let values = device.serial.as_ref().map(|serial| serial.frames.values.clone()).unwrap_or_default();
-        device.can = node.table("can")?.map(|can| CanWire::read(&can, &device, values, files)).transpose()?;
+        device.can = node.table("can")?.map(|can| CanWire::read(&can, &device, values, &files)).transpose()?;
         if let (Some(serial), Some(can)) = (&mut device.serial, &device.can) {
             Arc::make_mut(&mut serial.frames).values.clone_from(&can.frames.values);
             let is_shared = |name: &str| serial.frames.frames.iter().any(|frame| frame.name.eq_ignore_ascii_case(name));
@@ -156,7 +265,27 @@ impl Device {
         if device.serial.is_none() && device.can.is_none() {
             return Err(node.error("serial", "expected a table [device.serial] or [device.can], got none".to_owned()));
         }
+        device.count_sizes();
+        device.description.files = read.into_inner();
         Ok(device)
+    }
+
+    /// One count is one unit of the number on the wire, on the serial line if there are two; of a float it is an arcsec.
+    fn count_sizes(&mut self) {
+        let sets = [self.serial.as_ref().map(|serial| &serial.frames), self.can.as_ref().map(|can| &can.frames)];
+        let mut sizes = Vec::new();
+        for head in 0..self.heads.len() {
+            let fields = sets.iter().flatten().flat_map(|set| {
+                let slot = set.slot(&Quantity::Output(head));
+                let fields = set.frames.iter().flat_map(|frame| &frame.fields);
+                fields.filter(move |field| Some(field.slot) == slot).map(|field| (field, &set.values[field.slot]))
+            });
+            let whole = fields.clone().next().filter(|(field, _)| field.place.coding != Coding::Float);
+            sizes.push(whole.map(|(field, value)| field.scale().abs() * self.arcsec_per_unit(value)));
+        }
+        for (head, size) in self.heads.iter_mut().zip(sizes) {
+            (head.count_arcsec, head.is_rounded) = (size.unwrap_or(1.0), size.is_some());
+        }
     }
 
     /// Output, rate of samples and range.
@@ -181,7 +310,7 @@ impl Device {
             prefix,
             title: &self.name,
             source: &self.source,
-            heads: self.heads.iter().map(|head| (head.name.as_str(), head.input)).collect(),
+            heads: self.heads.iter().map(|head| (head.gyro.name(), head.axes.input_control)).collect(),
             output: self.in_words(),
             links: serial.into_iter().chain(can).collect(),
         }
@@ -203,8 +332,8 @@ impl Device {
     /// # Errors
     /// There is none: the message.
     fn head(&self, name: &str) -> Result<usize, String> {
-        self.heads.iter().position(|head| head.name == name).ok_or_else(|| {
-            let names: Vec<&str> = self.heads.iter().map(|head| head.name.as_str()).collect();
+        self.gyro(name).map(Gyro::index).ok_or_else(|| {
+            let names: Vec<&str> = self.gyros().map(Gyro::name).collect();
             format!("{}expected a head ({}), got {name}", did_you_mean(name, &names), names.join(", "))
         })
     }
@@ -215,7 +344,7 @@ fn positive(node: &Node, key: &str, min: f64, max: f64) -> Result<f64, Configura
     node.value(key, ValueFormat::Real, min, max)?.ok_or_else(|| node.unexpected(key, &expected))
 }
 
-fn head(node: &Node) -> Result<Head, ConfigurationError> {
+fn head(node: &Node, index: u8) -> Result<Head, ConfigurationError> {
     node.only(&["name", "input", "output"])?;
     let axis = |key: &str| -> Result<[f64; 3], ConfigurationError> {
         let expected = "a direction, three numbers that are not all 0,";
@@ -236,7 +365,12 @@ fn head(node: &Node) -> Result<Head, ConfigurationError> {
     }
     let name = node.text("name")?;
     match is_identifier(name) {
-        true => Ok(Head { name: name.to_owned(), input, output }),
+        true => Ok(Head {
+            gyro: Gyro::new(index, name),
+            axes: Axes::new(input, output.unwrap_or_default()),
+            count_arcsec: 1.0,
+            is_rounded: false,
+        }),
         false => Err(node.unexpected("name", "a name of letters, digits and underscores")),
     }
 }

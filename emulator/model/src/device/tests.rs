@@ -167,7 +167,7 @@ fn parse(text: &str) -> Result<Device, ConfigurationError> {
 
 #[test]
 fn errors_of_a_description_say_what_was_expected() {
-    assert_eq!(parse(TEXT).unwrap().heads[0].input, [0.0, 1.0, 0.0]);
+    assert_eq!(parse(TEXT).unwrap().heads[0].axes.input_control, [0.0, 1.0, 0.0]);
     for (from, to, part) in [
         ("[device]", "[devise]", "unknown key `devise`"),
         ("interval_s = 0.01\n", "", "interval_s"),

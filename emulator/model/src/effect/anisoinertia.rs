@@ -12,6 +12,7 @@ effect! {
     amplitudes: [{ per_day: 1.0, per_k: 1.0 }],
     paper: "0",
     source: "standard for the type",
+    { const NEEDS_OUTPUT_AXIS: bool = true; }
 }
 
 impl GyroEffect for Anisoinertia {

@@ -18,6 +18,8 @@ pub trait Effects: Copy + Default {
     fn is_noise(&self, index: usize) -> bool;
     /// See [`super::Effect::FILTERS_MOTION`], of the effect at `index` of [`Effects::specs`].
     fn filters_motion(&self, index: usize) -> bool;
+    /// See [`super::Effect::NEEDS_OUTPUT_AXIS`], of the effect at `index` of [`Effects::specs`].
+    fn needs_output_axis(&self, index: usize) -> bool;
 }
 
 /// A list of effects with the courses of their amplitudes.
@@ -145,6 +147,9 @@ macro_rules! effect_list {
             fn filters_motion(&self, index: usize) -> bool {
                 [$(<$type as Effect>::FILTERS_MOTION),*][index]
             }
+            fn needs_output_axis(&self, index: usize) -> bool {
+                [$(<$type as Effect>::NEEDS_OUTPUT_AXIS),*][index]
+            }
         }
     };
 }
@@ -171,11 +176,11 @@ macro_rules! unit_effects {
 
             /// Lets every effect act on the heads, in order.
             #[inline]
-            pub fn apply<T: Probe>(&self, states: &mut UnitStates, heads: &mut [GyroSubStep; 4], step: &MotionStep, taps: &mut [T; 4]) {
+            pub fn apply<T: Probe>(&self, states: &mut UnitStates, heads: &mut [GyroSubStep], gyros: &[ResolvedGyro], step: &MotionStep, taps: &mut [T]) {
                 let Self { $($field),* } = self;
                 let mut column = UNIT_COLUMNS;
                 $(
-                    $field.apply(&mut states.$field, heads, step);
+                    $field.apply(&mut states.$field, heads, gyros, step);
                     list::record(taps, heads, column);
                     column += 1;
                 )*
@@ -186,7 +191,7 @@ macro_rules! unit_effects {
 }
 
 #[inline]
-pub(super) fn record<T: Probe>(taps: &mut [T; 4], heads: &[GyroSubStep; 4], column: usize) {
+pub(super) fn record<T: Probe>(taps: &mut [T], heads: &[GyroSubStep], column: usize) {
     if T::LOOKS {
         for (tap, head) in taps.iter_mut().zip(heads) {
             tap.after(column, head.counts(&SampleTiming::default()));
@@ -255,23 +260,24 @@ macro_rules! wiring_effects {
             WiringEffects { $($field: $type),* }
         }
 
-        /// States of the wiring faults of the four gyros.
+        /// States of the wiring faults of the gyros.
         #[derive(Debug, Clone, Default)]
-        pub struct WiringStates { $($field: [<$type as WiringEffect>::State; 4]),* }
+        pub struct WiringStates { $($field: [<$type as WiringEffect>::State; MAX_HEADS]),* }
 
         impl WiringEffects {
-            /// Lets the faults of all four gyros act on the counts, fault by fault.
+            /// Lets the faults of all gyros act on the counts, fault by fault.
             #[inline]
-            pub fn apply<T: Probe>(gyros: &[WiringEffects; 4], states: &mut WiringStates, counts: &mut [f64; 4], taps: &mut [T; 4]) {
+            pub fn apply<T: Probe>(gyros: &[WiringEffects], states: &mut WiringStates, counts: &mut [f64], taps: &mut [T]) {
                 let mut column = WIRING_COLUMNS;
                 $(
-                    let before = *counts;
-                    for gyro in Gyro::ALL {
-                        gyros[gyro as usize].$field.apply(&mut states.$field[gyro as usize], gyro, counts);
+                    let mut before = [0.0; MAX_HEADS];
+                    before[..counts.len()].copy_from_slice(counts);
+                    for (index, gyro) in gyros.iter().enumerate() {
+                        gyro.$field.apply(&mut states.$field[index], index, counts);
                     }
                     if T::LOOKS {
-                        for index in 0..4 {
-                            taps[index].changed(column, counts[index] - before[index]);
+                        for (index, tap) in taps.iter_mut().enumerate() {
+                            tap.changed(column, counts[index] - before[index]);
                         }
                     }
                     column += 1;

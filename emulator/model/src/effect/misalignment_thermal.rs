@@ -1,13 +1,12 @@
 //! The package turns about Y with the solar aspect angle (Casteren §3.4, §5.3).
 //!
-//! The turn δ follows k(θ − 90°) with a first-order lag and starts settled. GYRX's row gains −δ on Z, GYRZA's and GYRZB's
-//! +δ on X, and GYRY senses the turning itself. Between the ends of a sub-step θ is taken as straight, so a scan at
+//! The turn δ follows k(θ − 90°) with a first-order lag and starts settled. An input axis along X turns by
+//! −δ to Z, one along Z by +δ to X, and one along Y senses the turning itself. Between the ends of a sub-step θ is taken as straight, so a scan at
 //! constant speed is followed exactly; off-axis terms use δ in the sub-step's middle.
-
-use geu_protocol::Gyro;
 
 use super::{GyroSubStep, UnitEffect};
 use crate::attitude::MotionStep;
+use crate::package::ResolvedGyro;
 use crate::units::{ARCSEC_PER_RAD, RAD_PER_DEG};
 
 effect! {
@@ -30,7 +29,7 @@ impl UnitEffect for MisalignmentThermal {
     type State = State;
 
     #[inline]
-    fn apply(&self, state: &mut State, heads: &mut [GyroSubStep; 4], step: &MotionStep) {
+    fn apply(&self, state: &mut State, heads: &mut [GyroSubStep], gyros: &[ResolvedGyro], step: &MotionStep) {
         let settled_arcsec = |theta_rad: f64| self.arcsec_per_deg * (theta_rad / RAD_PER_DEG - 90.0);
         let (from, to) = (settled_arcsec(step.start.theta_rad), settled_arcsec(step.end.theta_rad));
         let before = state.unwrap_or(from);
@@ -48,17 +47,23 @@ impl UnitEffect for MisalignmentThermal {
         *state = Some(after);
         let turn_rad = 0.5 * (before + after) / ARCSEC_PER_RAD;
         let [x, _, z] = step.angle_control_arcsec;
-        heads[Gyro::X as usize].input_arcsec -= turn_rad * z;
-        heads[Gyro::Za as usize].input_arcsec += turn_rad * x;
-        heads[Gyro::Zb as usize].input_arcsec += turn_rad * x;
-        heads[Gyro::Y as usize].added_arcsec += after - before;
+        for (head, gyro) in heads.iter_mut().zip(gyros) {
+            let [along_x, along_y, along_z] = gyro.head.axes.input_control;
+            head.input_arcsec += turn_rad * (along_z * x - along_x * z);
+            head.added_arcsec += along_y * (after - before);
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use geu_protocol::Gyro;
+
     use super::*;
     use crate::attitude::MotionState;
+    use crate::device::Device;
+    use crate::effect::GyroEffects;
+    use crate::package::{Calibration, ComputedParts};
 
     #[test]
     fn the_turn_settles_after_a_scan_with_its_time_constant() {
@@ -73,14 +78,27 @@ mod tests {
                 added_counts: 0.0,
             }; 4],
         );
+        let (device, parts) = (Device::iras(), (Calibration::default(), GyroEffects::default()));
+        let gyros: Vec<ResolvedGyro> = device
+            .heads
+            .iter()
+            .map(|head| ResolvedGyro {
+                head,
+                computed: ComputedParts::ALL,
+                calibration: &parts.0,
+                effects: &parts.1,
+                discovered: &[],
+            })
+            .collect();
         let mut step = |from_deg: f64, to_deg: f64| {
             let at = |deg: f64| MotionState { theta_rad: deg * RAD_PER_DEG, ..MotionState::default() };
             law.apply(
                 &mut state,
                 &mut heads,
+                &gyros,
                 &MotionStep { start: at(from_deg), end: at(to_deg), length_s: 0.1, ..MotionStep::default() },
             );
-            heads[Gyro::Y as usize].added_arcsec
+            heads[Gyro::Y.index()].added_arcsec
         };
         // 60° to 120° in 300 s at 12°/min: GYRY has sensed 0.9·60 arcsec less what lags behind, 0.9·0.2·280·(1 − e^(−300/280)).
         let mut sensed_arcsec = 0.0;

@@ -9,9 +9,9 @@
 //! | acts on | when | method |
 //! |---|---|---|
 //! | [`SampleTiming`] | once per sample interval | [`UnitEffect::timing`] |
-//! | the four [`GyroSubStep`]s together | in every sub-step | [`UnitEffect::apply`] |
+//! | the [`GyroSubStep`]s together | in every sub-step | [`UnitEffect::apply`] |
 //! | one [`GyroSubStep`] | once per sample interval, then in every sub-step | [`GyroEffect::begin`], [`GyroEffect::apply`] |
-//! | the four counts | after rounding, before clipping | [`WiringEffect::apply`] |
+//! | the counts | after rounding, before clipping | [`WiringEffect::apply`] |
 
 #[macro_use]
 mod list;
@@ -21,7 +21,8 @@ use geu_protocol::Gyro;
 pub use list::{EffectConfiguration, Effects};
 
 use crate::attitude::MotionStep;
-use crate::package::Axes;
+use crate::device::MAX_HEADS;
+use crate::package::{Axes, ResolvedGyro};
 use crate::parameter_spec::ParameterSet;
 use crate::temperature::ElectronicsCourse;
 use crate::time_profile::Interval;
@@ -58,6 +59,8 @@ pub trait Effect: ParameterSet + Default {
     const IS_NOISE: bool = false;
     /// True if it withholds small motions, all of them if it is large enough.
     const FILTERS_MOTION: bool = false;
+    /// True if it acts on a gyro with an output axis alone.
+    const NEEDS_OUTPUT_AXIS: bool = false;
 
     /// A number that does not go with the others, each within its own limits, and what was expected of it. Asked with the
     /// amplitudes at the largest that they reach.
@@ -149,6 +152,8 @@ pub struct EffectInputs<'a> {
     pub temperatures: &'a Temperatures,
     /// True time since the start of the run at the sub-step's end.
     pub end_s: f64,
+    /// Largest rate of the unit.
+    pub full_scale_arcsec_s: f64,
 }
 
 /// An effect on the whole unit.
@@ -158,9 +163,10 @@ pub trait UnitEffect: Effect {
     /// Acts on the unit's time, once per sample interval.
     #[inline]
     fn timing(&self, _timing: &mut SampleTiming) {}
-    /// Acts on the four heads over one sub-step, in the order of [`Gyro::ALL`].
+    /// Acts on the heads over one sub-step; `gyros` has their axes.
     #[inline]
-    fn apply(&self, _state: &mut Self::State, _heads: &mut [GyroSubStep; 4], _step: &MotionStep) {}
+    fn apply(&self, _state: &mut Self::State, _heads: &mut [GyroSubStep], _gyros: &[ResolvedGyro], _step: &MotionStep) {
+    }
 }
 
 /// State of an effect on one gyro. One without random numbers starts at its default.
@@ -190,8 +196,8 @@ pub trait GyroEffect: Effect {
 pub trait WiringEffect: Effect {
     /// State between samples.
     type State: Clone + std::fmt::Debug + Default;
-    /// Acts on the four counts of a sample; `gyro` has the fault.
-    fn apply(&self, state: &mut Self::State, gyro: Gyro, counts: &mut [f64; 4]);
+    /// Acts on the counts of a sample; the gyro of this number has the fault.
+    fn apply(&self, state: &mut Self::State, gyro: usize, counts: &mut [f64]);
 }
 
 /// Records the contributions to counts. Columns are those of [`columns`], in order.
@@ -236,7 +242,7 @@ pub const SELF_TEST_COLUMN: usize = COLUMNS - 4;
 pub const POWER_COLUMN: usize = COLUMNS - 3;
 /// Column of what named faults of a gyro change.
 pub const FAULT_COLUMN: usize = COLUMNS - 2;
-/// Column of what clipping to 16 bits takes away.
+/// Column of what clipping takes away.
 pub const SATURATION_COLUMN: usize = COLUMNS - 1;
 
 /// Codes of the columns, in order.

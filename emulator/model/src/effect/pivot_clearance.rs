@@ -24,6 +24,7 @@ effect! {
     paper: "less than 14; a full transit at the creep takes 15.6 min",
     source: "Casteren §3.3, figure 6",
     {
+        const NEEDS_OUTPUT_AXIS: bool = true;
         /// Without clearance the preferred position means nothing.
         fn consistency_error(&self) -> Option<(&'static str, String)> {
             let stop = 0.5 * self.clearance_arcsec;
@@ -88,7 +89,13 @@ mod tests {
                 ..MotionStep::default()
             };
             let surroundings =
-                EffectInputs { step: &step, axes: Axes::of(Gyro::X), temperatures: &TEMPERATURES, end_s: 0.0 };
+                EffectInputs {
+                    step: &step,
+                    axes: Axes::of(Gyro::X),
+                    temperatures: &TEMPERATURES,
+                    end_s: 0.0,
+                    full_scale_arcsec_s: 720.0,
+                };
             let mut head = GyroSubStep {
                 input_arcsec: 0.0,
                 added_arcsec: 0.0,

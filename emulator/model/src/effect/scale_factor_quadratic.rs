@@ -2,12 +2,12 @@
 //! IEEE Std 1431 for Coriolis gyros).
 
 use super::{EffectInputs, GyroEffect, GyroSubStep};
-use crate::units::{FULL_SCALE_ARCSEC_S, PPM};
+use crate::units::PPM;
 
 effect! {
     /// A quadratic term of the sensed rate.
     pub struct ScaleFactorQuadratic ("scale-factor-quadratic", "quadratic scale factor") {
-        /// Sensed rate lower by ppm·10⁻⁶ · ω_in²/720.
+        /// Sensed rate lower by ppm·10⁻⁶ · ω_in²/full scale; full scale is 720″/s, or the largest rate of a described unit.
         ppm: 0.0, -5000.0..=5000.0, "ppm";
     }
     amplitudes: [{ per_day: 5000.0, per_k: 5000.0 }],
@@ -24,7 +24,7 @@ impl GyroEffect for ScaleFactorQuadratic {
         if self.ppm == 0.0 || length_s == 0.0 {
             return;
         }
-        let share = head.input_arcsec / length_s / FULL_SCALE_ARCSEC_S;
+        let share = head.input_arcsec / length_s / surroundings.full_scale_arcsec_s;
         head.added_arcsec -= self.ppm * PPM * share * head.input_arcsec;
     }
 }

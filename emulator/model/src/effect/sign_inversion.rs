@@ -1,7 +1,5 @@
 //! The count is negated.
 
-use geu_protocol::Gyro;
-
 use super::WiringEffect;
 
 effect! {
@@ -19,9 +17,9 @@ impl WiringEffect for SignInversion {
     type State = ();
 
     #[inline]
-    fn apply(&self, _state: &mut (), gyro: Gyro, counts: &mut [f64; 4]) {
+    fn apply(&self, _state: &mut (), gyro: usize, counts: &mut [f64]) {
         if self.on >= 0.5 {
-            counts[gyro as usize] = -counts[gyro as usize];
+            counts[gyro] = -counts[gyro];
         }
     }
 }

@@ -1,7 +1,5 @@
 //! The last increment is repeated.
 
-use geu_protocol::Gyro;
-
 use super::WiringEffect;
 
 effect! {
@@ -19,10 +17,10 @@ impl WiringEffect for StuckOutput {
     type State = f64;
 
     #[inline]
-    fn apply(&self, state: &mut f64, gyro: Gyro, counts: &mut [f64; 4]) {
+    fn apply(&self, state: &mut f64, gyro: usize, counts: &mut [f64]) {
         if self.on >= 0.5 {
-            counts[gyro as usize] = *state;
+            counts[gyro] = *state;
         }
-        *state = counts[gyro as usize];
+        *state = counts[gyro];
     }
 }

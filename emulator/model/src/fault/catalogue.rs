@@ -260,7 +260,7 @@ const GYRO_AND_UNIT: &[FaultSpec] = fault_specs! {
     /// counts of two gyros stand in each other's place
     "axis-swap" (Gyro) {
         /// the other gyro
-        with: required, 1.0..=4.0, "", Gyro;
+        with: required, 1.0..=8.0, "", Gyro;
     } => moved("axis-swap.with", with, "step", &[]);
     /// counts are of another size
     "wrong-lsb" (Gyro, neutral: Some(("factor", 1.0))) {

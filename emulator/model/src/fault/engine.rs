@@ -2,17 +2,18 @@
 
 use std::sync::Arc;
 
-use geu_protocol::{Gyro, Sample};
+use geu_protocol::Gyro;
 
 use super::catalogue::{FaultAction, GyroFault, LinkFault, SpikeLaw, UnitFault};
 use super::expectation::{ExpectationMonitor, ExpectationResult};
 use super::expression::ConditionInputs;
 use super::{EffectList, Fault, FaultRng, ParameterRef};
 use crate::configuration::Configuration;
+use crate::device::Device;
 use crate::effect::Effects;
+use crate::gyro_unit::CompletedSample;
 use crate::parameter_spec::ParameterSpec;
 use crate::time_profile::Interval;
-use crate::units::SAMPLE_INTERVAL_S;
 
 /// A fault over one sample interval.
 #[derive(Debug, Clone, PartialEq)]
@@ -25,8 +26,10 @@ pub struct ActiveFault {
     /// 1; less while a parameter returns.
     pub share: f64,
     /// The last sample before it started.
-    pub before: Option<Sample>,
+    pub before: Option<CompletedSample>,
     pub seed: u64,
+    /// Nominal length of a sample interval, s.
+    pub interval_s: f64,
 }
 
 impl ActiveFault {
@@ -47,11 +50,6 @@ impl ActiveFault {
             _ => None,
         }
     }
-}
-
-/// Time from the start of a fault to the middle of a sample interval, s.
-fn middle_s(elapsed: u64) -> f64 {
-    (elapsed as f64 + 0.5) * SAMPLE_INTERVAL_S
 }
 
 /// An event of a fault or an expectation.
@@ -79,7 +77,7 @@ struct Running {
     end: Option<u64>,
     /// While a parameter returns: since when.
     releasing: Option<u64>,
-    before: Option<Sample>,
+    before: Option<CompletedSample>,
     /// Remainder of a scaled count.
     carried: f64,
 }
@@ -113,6 +111,8 @@ impl FaultStatus {
 #[derive(Debug, Clone, Default)]
 pub struct FaultEngine {
     seed: u64,
+    /// Nominal length of a sample interval, s.
+    pub interval_s: f64,
     /// In the order of the plan, then as they were injected.
     pub planned: Vec<FaultStatus>,
     pub watches: Vec<ExpectationMonitor>,
@@ -130,7 +130,11 @@ pub struct FlagOverrides {
 
 impl FaultEngine {
     pub fn new(configuration: &Configuration) -> FaultEngine {
-        let mut faults = FaultEngine { seed: configuration.seed, ..FaultEngine::default() };
+        let mut faults = FaultEngine {
+            seed: configuration.seed,
+            interval_s: configuration.device.interval_s,
+            ..FaultEngine::default()
+        };
         configuration.faults.iter().for_each(|fault| faults.add(fault.clone()));
         faults.watches = configuration.expectations.iter().cloned().map(ExpectationMonitor::new).collect();
         faults
@@ -183,29 +187,33 @@ impl FaultEngine {
     }
 
     /// Determines the active faults of the next sample interval and returns the actions that ended. `last` is the sample before.
-    pub fn begin(&mut self, now: &mut ConditionInputs, last: Option<Sample>) -> Vec<(FaultAction, Option<Gyro>)> {
+    pub fn begin(
+        &mut self,
+        now: &mut ConditionInputs,
+        last: Option<CompletedSample>,
+    ) -> Vec<(FaultAction, Option<Gyro>)> {
         now.active = self.acting.iter().map(|acting| acting.fault.id.clone()).collect();
         let mut over = Vec::new();
         let mut all = Vec::new();
         for planned in &mut self.planned {
-            if let Some(ended) = planned.end_if_due(now) {
+            if let Some(ended) = planned.end_if_due(now, self.interval_s) {
                 over.push((planned.law, planned.fault.gyro));
                 self.happened.push(FaultEvent::Ended(planned.fault.clone(), ended));
             }
             if planned.is_triggered(now, planned.fault.seed.unwrap_or(self.seed)) {
                 planned.started += 1;
-                let end = planned.fault.samples().map(|length| now.frame + length);
+                let end = planned.fault.samples(self.interval_s).map(|length| now.frame + length);
                 planned.running = Some(Running { start: now.frame, end, releasing: None, before: last, carried: 0.0 });
                 self.happened.push(FaultEvent::Started(planned.fault.clone()));
             }
             let seed = planned.fault.seed.unwrap_or(self.seed);
-            all.extend(planned.acting(now.frame, seed));
+            all.extend(planned.acting(now.frame, seed, self.interval_s));
         }
         self.acting = Arc::new(all);
         let planned = &self.planned;
         let started = |id: &str| planned.iter().any(|planned| planned.fault.id == id && planned.started > 0);
         for watch in &mut self.watches {
-            if watch.evaluate(now, started) {
+            if watch.evaluate(now, self.interval_s, started) {
                 self.happened.push(FaultEvent::Decided(watch.clone()));
             }
         }
@@ -239,8 +247,8 @@ impl FaultEngine {
         own.filter_map(move |acting| match acting.law {
             FaultAction::Parameter { target, size, course } if target.list == list => {
                 let start = acting.frame - acting.elapsed;
-                let start_s = acting.elapsed as f64 * SAMPLE_INTERVAL_S;
-                let end_s = start_s + SAMPLE_INTERVAL_S;
+                let start_s = acting.elapsed as f64 * acting.interval_s;
+                let end_s = start_s + acting.interval_s;
                 let interval = Interval { start_s, end_s, electronics_excess_k: 0.0, electronics_rate_k_per_h: 0.0 };
                 let normal = |sample| acting.draw().at("course", start + sample).standard_normal();
                 Some((target, size * acting.share * course.factor(&interval, &normal)))
@@ -263,14 +271,15 @@ impl FaultEngine {
     }
 
     /// Lets the faults of heads act on the counts of the sample that ends.
-    pub fn act_on_counts(&mut self, counts: &mut [f64; 4]) -> FlagOverrides {
+    pub fn act_on_counts(&mut self, device: &Device, counts: &mut [f64]) -> FlagOverrides {
         let mut marks = FlagOverrides::default();
         let heads = self.acting.iter().filter_map(|acting| match acting.law {
             FaultAction::Head(law) => Some((law, acting, acting.fault.gyro?)),
             _ => None,
         });
         for (law, acting, gyro) in heads {
-            let count = &mut counts[gyro as usize];
+            let (count, head) = (&mut counts[gyro.index()], &device.heads[gyro.index()]);
+            let (low, high) = device.limits(head);
             let draw = || acting.draw().at("count", acting.frame);
             match law {
                 GyroFault::Dead => {
@@ -282,7 +291,7 @@ impl FaultEngine {
                     let planned = self.planned.iter_mut().find(|planned| planned.fault.id == acting.fault.id);
                     let Some(running) = planned.and_then(|planned| planned.running.as_mut()) else { continue };
                     running.carried += *count * factor;
-                    let rounded = running.carried.round();
+                    let rounded = head.rounded(running.carried);
                     running.carried -= rounded;
                     *count = rounded;
                 }
@@ -293,16 +302,17 @@ impl FaultEngine {
                         SpikeLaw::Uniform => 2.0 * draw().uniform() - 1.0,
                         SpikeLaw::Normal => draw().standard_normal(),
                     };
-                    *count += (counts * share).round();
+                    *count += head.rounded(counts * share);
                 }
-                GyroFault::Garbage => *count = f64::from(draw().bits() as u16 as i16),
+                GyroFault::Garbage if device.is_iras() => *count = f64::from(draw().bits() as u16 as i16),
+                GyroFault::Garbage => *count = head.rounded(low + (high - low) * draw().uniform()),
                 GyroFault::Saturated { is_negative } => {
                     // One beyond what fits, so that clipping flags it.
-                    *count = if is_negative { f64::from(i16::MIN) - 1.0 } else { f64::from(i16::MAX) + 1.0 };
+                    *count = if is_negative { low - 1.0 } else { high + 1.0 };
                 }
                 GyroFault::SpinDown { coast_s } => {
-                    let elapsed_s = acting.elapsed as f64 * SAMPLE_INTERVAL_S;
-                    *count = (*count * libm::exp(-elapsed_s / coast_s)).round();
+                    let elapsed_s = acting.elapsed as f64 * acting.interval_s;
+                    *count = head.rounded(*count * libm::exp(-elapsed_s / coast_s));
                     marks.invalid |= gyro.bit();
                     marks.coasting |= gyro.bit();
                 }
@@ -325,7 +335,7 @@ impl FaultStatus {
     }
 
     /// Ends it when its time has come: how many samples it acted. A parameter returns first.
-    fn end_if_due(&mut self, now: &ConditionInputs) -> Option<u64> {
+    fn end_if_due(&mut self, now: &ConditionInputs, interval_s: f64) -> Option<u64> {
         let fault = &self.fault;
         let running = self.running.as_mut()?;
         let is_due = running.end.is_some_and(|end| now.frame >= end)
@@ -335,7 +345,7 @@ impl FaultStatus {
             if is_due && running.releasing.is_none() {
                 running.releasing = Some(now.frame);
             }
-            let released = running.releasing.map(|since| (now.frame - since) as f64 * SAMPLE_INTERVAL_S);
+            let released = running.releasing.map(|since| (now.frame - since) as f64 * interval_s);
             if released.is_none_or(|released_s| released_s < fault.release_s) {
                 return None;
             }
@@ -347,9 +357,10 @@ impl FaultStatus {
         Some(ended)
     }
 
-    fn acting(&self, frame: u64, seed: u64) -> Option<ActiveFault> {
+    fn acting(&self, frame: u64, seed: u64, interval_s: f64) -> Option<ActiveFault> {
         let running = self.running.as_ref()?;
-        let released = running.releasing.map_or(0.0, |since| middle_s(frame - since) / self.fault.release_s);
+        let middle_s = |since| ((frame - since) as f64 + 0.5) * interval_s;
+        let released = running.releasing.map_or(0.0, |since| middle_s(since) / self.fault.release_s);
         Some(ActiveFault {
             fault: self.fault.clone(),
             law: self.law,
@@ -358,6 +369,7 @@ impl FaultStatus {
             share: (1.0 - released).max(0.0),
             before: running.before,
             seed,
+            interval_s,
         })
     }
 }

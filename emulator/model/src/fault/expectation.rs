@@ -1,7 +1,6 @@
 //! What the on-board computer must do about a fault, and whether it did.
 
 use super::expression::{ConditionInputs, Expression};
-use crate::units::SAMPLE_INTERVAL_S;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TimeWindow {
@@ -43,9 +42,10 @@ impl ExpectationMonitor {
         ExpectationMonitor { expectation, verdict: ExpectationResult::Waiting }
     }
 
-    /// Evaluates the condition at the start of a sample interval; `started` returns true for a fault that has started. Returns true
+    /// Evaluates the condition at the start of a sample interval; `started` returns true for a fault that
+    /// has started, `interval_s` is the length of a sample. Returns true
     /// if the result is new. The condition refers to the past sample, so it counts from the second evaluation on.
-    pub fn evaluate(&mut self, now: &ConditionInputs, started: impl Fn(&str) -> bool) -> bool {
+    pub fn evaluate(&mut self, now: &ConditionInputs, interval_s: f64, started: impl Fn(&str) -> bool) -> bool {
         let expectation = &self.expectation;
         match self.verdict {
             ExpectationResult::Waiting => {
@@ -58,7 +58,7 @@ impl ExpectationMonitor {
             ExpectationResult::Open(since) => {
                 let holds = expectation.condition.holds(now);
                 let (TimeWindow::Within(length_s) | TimeWindow::Throughout(length_s)) = expectation.window;
-                let is_over = (now.frame - since) as f64 * SAMPLE_INTERVAL_S >= length_s;
+                let is_over = (now.frame - since) as f64 * interval_s >= length_s;
                 self.verdict = match expectation.window {
                     TimeWindow::Within(_) if holds => ExpectationResult::Met(now.t_s),
                     TimeWindow::Within(_) if is_over => ExpectationResult::NotMet(now.t_s),
@@ -89,7 +89,7 @@ mod tests {
         for frame in 0..20 {
             let commands = if holds.contains(&frame) { vec![1] } else { vec![] };
             let now = ConditionInputs { frame, t_s: frame as f64 * 0.5, commands, ..ConditionInputs::default() };
-            watch.evaluate(&now, |id| id == "fault" && frame >= 4);
+            watch.evaluate(&now, 0.5, |id| id == "fault" && frame >= 4);
         }
         watch.verdict
     }
@@ -119,7 +119,7 @@ mod tests {
             window: TimeWindow::Within(1.0),
         });
         let mut evaluated = watch.clone();
-        assert!(!evaluated.evaluate(&ConditionInputs::default(), |_| false));
+        assert!(!evaluated.evaluate(&ConditionInputs::default(), 0.5, |_| false));
         assert_eq!(evaluated, watch);
     }
 }

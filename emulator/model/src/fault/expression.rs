@@ -8,6 +8,9 @@ mod reader;
 use std::fmt;
 
 use geu_protocol::Gyro;
+
+use crate::device::Device;
+use crate::gyro_unit::Outputs;
 use reader::Reader;
 
 const MAX_LENGTH: usize = 500;
@@ -32,9 +35,8 @@ pub struct ConditionInputs {
     pub electronics_c: f64,
     pub sensor_c: f64,
     pub is_polled: bool,
-    /// Increments of the sample that ended last.
-    pub increments: [i16; 4],
-    pub gyro_flags: u8,
+    /// Outputs of the sample that ended last.
+    pub outputs: Outputs,
     /// Opcodes of the commands that it brought.
     pub commands: Vec<u8>,
     /// Identifiers of the faults that acted in it.
@@ -107,7 +109,8 @@ enum Node {
     Operation(Box<Node>, usize, Box<Node>),
     Magnitude(Box<Node>),
     Count(Gyro),
-    Flag(Gyro, u32),
+    Valid(Gyro),
+    Saturated(Gyro),
     Command(u8),
     Active(String),
 }
@@ -199,8 +202,9 @@ impl Node {
             Node::Not(node) => not(node.value(now)),
             Node::Operation(left, index, right) => OPERATORS[*index].4(left.value(now), right.value(now)),
             Node::Magnitude(node) => node.value(now).abs(),
-            Node::Count(gyro) => f64::from(now.increments[*gyro as usize]),
-            Node::Flag(gyro, shift) => truth(now.gyro_flags & gyro.bit() << shift != 0),
+            Node::Count(gyro) => now.outputs.counts[gyro.index()],
+            Node::Valid(gyro) => truth(now.outputs.valid & gyro.bit() != 0),
+            Node::Saturated(gyro) => truth(now.outputs.saturated & gyro.bit() != 0),
             Node::Command(opcode) => truth(now.commands.contains(opcode)),
             Node::Active(id) => truth(now.active.contains(id)),
         }
@@ -225,11 +229,22 @@ impl std::str::FromStr for Expression {
     /// The expected text and its place.
     type Err = String;
 
+    /// A condition about the default unit.
     fn from_str(text: &str) -> Result<Expression, String> {
+        Expression::about(text, &Device::iras())
+    }
+}
+
+impl Expression {
+    /// A condition about a unit.
+    ///
+    /// # Errors
+    /// The expected text and its place.
+    pub fn about(text: &str, device: &Device) -> Result<Expression, String> {
         if text.len() > MAX_LENGTH {
             return Err(format!("a condition of at most {MAX_LENGTH} characters"));
         }
-        let mut reader = Reader { text, place: 0, depth: 0 };
+        let mut reader = Reader { text, device, place: 0, depth: 0 };
         let (root, sort) = reader.level(0)?;
         reader.skip_space();
         if reader.place < text.len() {
@@ -254,8 +269,12 @@ mod tests {
             rate_arcsec_s: [1.0, -720.0, 0.25],
             theta_deg: 90.0,
             psi_deg: f64::NAN,
-            gyro_flags: 0x1E,
-            increments: [7, -360, 0, 0],
+            outputs: Outputs {
+                valid: 0xE,
+                saturated: 1,
+                counts: [7.0, -360.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+                ..Outputs::default()
+            },
             commands: vec![2],
             active: vec!["pivot".to_owned()],
             ..ConditionInputs::default()

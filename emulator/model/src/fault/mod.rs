@@ -14,12 +14,11 @@ use std::sync::LazyLock;
 
 use geu_protocol::Gyro;
 
+use crate::device::{Device, Head};
 use crate::effect::{EffectSpec, Effects, GyroEffects, UnitEffects, WiringEffects};
 use crate::noise::NoiseStream;
-use crate::package::Axes;
 use crate::parameter_spec::{ParameterSpec, ValueFormat};
 use crate::time_profile::{TimeProfile, step_limits};
-use crate::units::SAMPLE_INTERVAL_S;
 use catalogue::{FaultAction, FaultSpec, Scope, Transport};
 use expectation::Expectation;
 use expression::Expression;
@@ -37,8 +36,8 @@ pub enum EffectList {
     Wiring,
 }
 
-/// An effect, its numbers, and whether it is a noise and withholds small motions.
-type Facts = (&'static EffectSpec, &'static [ParameterSpec], [bool; 2]);
+/// An effect, its numbers, and whether it is a noise, withholds small motions and needs an output axis.
+type Facts = (&'static EffectSpec, &'static [ParameterSpec], [bool; 3]);
 
 /// A number of an effect, which a fault can move.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -93,12 +92,21 @@ impl ParameterRef {
         self.facts().2[1]
     }
 
+    /// True if its effect acts on a gyro with an output axis alone.
+    pub fn needs_output_axis(&self) -> bool {
+        self.facts().2[2]
+    }
+
     /// From a table: [`Effects`] requires values of all effects of a list, which takes longer.
     fn facts(&self) -> Facts {
         fn of_list<E: Effects>() -> Vec<Facts> {
             let all = E::default();
             let facts = |effect: usize| {
-                (&all.specs()[effect], all.numbers(effect).specs(), [all.is_noise(effect), all.filters_motion(effect)])
+                (
+                    &all.specs()[effect],
+                    all.numbers(effect).specs(),
+                    [all.is_noise(effect), all.filters_motion(effect), all.needs_output_axis(effect)],
+                )
             };
             (0..all.specs().len()).map(facts).collect()
         }
@@ -118,11 +126,14 @@ impl ParameterRef {
         (min.max(-UNLIMITED), max.min(UNLIMITED))
     }
 
-    /// Gyros that have it; empty for a parameter of the unit.
-    pub fn gyros(&self) -> Vec<Gyro> {
+    /// Gyros of a unit that have it; empty for a parameter of the unit.
+    pub fn gyros(&self, device: &Device) -> Vec<Gyro> {
+        let has = |head: &&Head| {
+            head.axes.has_number(self.number().name) && (!self.needs_output_axis() || head.axes.output().is_some())
+        };
         match self.list {
             EffectList::Unit => Vec::new(),
-            _ => Gyro::ALL.into_iter().filter(|&gyro| Axes::of(gyro).has_number(self.number().name)).collect(),
+            _ => device.heads.iter().filter(has).map(|head| head.gyro).collect(),
         }
     }
 
@@ -177,14 +188,14 @@ pub struct Fault {
 }
 
 impl Fault {
-    /// Maximum duration in samples, at least one.
-    pub fn samples(&self) -> Option<u64> {
+    /// Maximum duration in samples of this length, at least one.
+    pub fn samples(&self, interval_s: f64) -> Option<u64> {
         let own = match &self.action {
             FaultKind::Named { spec, .. } => spec.for_s,
             FaultKind::Parameter { .. } => None,
         };
         // Half a sample or more counts as one.
-        self.for_s.or(own).map(|for_s| ((for_s / SAMPLE_INTERVAL_S).round() as u64).max(1))
+        self.for_s.or(own).map(|for_s| ((for_s / interval_s).round() as u64).max(1))
     }
 
     /// A hand starts it at this on-board time, or when its own time has come. False where that never comes.
@@ -293,12 +304,15 @@ mod tests {
         for target in &all {
             assert_eq!(ParameterRef::from_name(&target.name()), Some(*target));
         }
-        assert_eq!(ParameterRef::from_name("pivot-clearance.clearance_arcsec").expect("there").gyros(), Gyro::ALL);
         assert_eq!(
-            ParameterRef::from_name("misalignment.x_arcsec").expect("there").gyros(),
-            [Gyro::Y, Gyro::Za, Gyro::Zb]
+            ParameterRef::from_name("pivot-clearance.clearance_arcsec").expect("there").gyros(&Device::iras()),
+            Gyro::ALL
         );
-        assert!(ParameterRef::from_name("clock-frequency.ppm").expect("there").gyros().is_empty());
+        assert_eq!(
+            ParameterRef::from_name("misalignment.x_arcsec").expect("there").gyros(&Device::iras()),
+            [Gyro::Y, Gyro::ZA, Gyro::ZB]
+        );
+        assert!(ParameterRef::from_name("clock-frequency.ppm").expect("there").gyros(&Device::iras()).is_empty());
     }
 
     #[test]

@@ -1,15 +1,15 @@
 //! Commands to the unit and its replies.
 
-use geu_protocol::{Command, CommandResult, Gyro, LINK_VERSION, Reply, Sample, command};
+use geu_protocol::{Command, CommandResult, LINK_VERSION, Reply, command};
 
-use super::{GyroUnit, Power, SPIN_UP_SAMPLE_INTERVALS, SelfTest};
+use super::{CompletedSample, GyroUnit, Power, SelfTest};
 
 #[derive(Debug, Clone, Copy)]
 pub struct CommandResponse {
     /// Goes to the link (TCP: the client) that asked.
     pub reply: Reply,
     /// For a POLL that was granted: the messages that follow the reply, to the same client.
-    pub polled: Option<Sample>,
+    pub polled: Option<CompletedSample>,
 }
 
 impl GyroUnit {
@@ -53,11 +53,12 @@ impl GyroUnit {
                 }
                 self.self_test = Some(SelfTest { gyros, counts, samples_left: samples });
             }
-            Command::ResetSequence => (self.sequence, self.clock_count) = (u16::MAX, 0),
+            Command::ResetSequence => (self.sequence, self.clock_count) = (u64::MAX, 0),
             Command::GyroPower { gyros } => {
-                for (gyro, channel) in Gyro::ALL.into_iter().zip(&mut self.channels) {
+                let spin_up = self.spin_up_samples();
+                for (gyro, channel) in self.configuration.device.gyros().zip(&mut self.channels) {
                     channel.power = match (gyros & gyro.bit() != 0, &channel.power) {
-                        (true, Power::Off) => Power::On(SPIN_UP_SAMPLE_INTERVALS),
+                        (true, Power::Off) => Power::On(spin_up),
                         (true, Power::On(left)) => Power::On(*left),
                         (false, _) => Power::Off,
                     };

@@ -2,13 +2,12 @@
 
 use std::sync::Arc;
 
-use geu_protocol::Gyro;
-
-use super::{GyroUnit, SUB_STEPS, Truth};
+use super::{GyroUnit, Truth};
 use crate::configuration::Configuration;
+use crate::device::{Device, MAX_HEADS};
 use crate::effect::discovered::{Formula, Regressor};
 use crate::effect::{EffectInputs, Temperatures};
-use crate::package::{Axes, ComputedParts, SubStep};
+use crate::package::{ComputedParts, SubStep};
 use crate::temperature::{ElectronicsCourse, SENSOR_NOMINAL_C, interpolate};
 use crate::units::SAMPLE_INTERVAL_S;
 
@@ -42,7 +41,7 @@ impl GyroUnit {
         configuration: &Configuration,
         truth: &Truth,
         measured: Arc<MeasuredTemperatures>,
-        gyros: [bool; 4],
+        gyros: &[bool],
     ) -> GyroUnit {
         let unit = GyroUnit::at_start(configuration, truth, Some(measured));
         let has_plan = !unit.faults.is_empty();
@@ -50,7 +49,7 @@ impl GyroUnit {
             let effects = if has_plan { u32::MAX } else { configuration.gyros[index].effects.active() };
             ComputedParts { is_counted: gyros[index], effects }
         };
-        GyroUnit { computed: std::array::from_fn(of_gyro), ..unit }
+        GyroUnit { computed: (0..gyros.len()).map(of_gyro).collect(), ..unit }
     }
 
     /// Ends the running sample interval of units that differ in their gyros alone and begins the next, without flags, wiring faults and
@@ -67,16 +66,17 @@ impl GyroUnit {
         let (start_s, end_s) = (first.start_fs as f64 * 1e-15, first.end_fs as f64 * 1e-15);
         let temperatures = first.temperatures(0.5 * (start_s + end_s));
         let interval = temperatures.interval(start_s, end_s);
-        let mut steps = [SubStep::default(); SUB_STEPS];
+        let mut steps = std::mem::take(&mut first.steps);
         let truths = first.advance::<()>(start_s, end_s, &mut steps);
         debug_assert!(units.iter().all(|unit| unit.running_end_ns() == end_ns));
-        for unit in units {
-            let counts = unit.count(&temperatures, &interval, &steps, &truths, &mut [(); Gyro::ALL.len()]);
+        for unit in units.iter_mut() {
+            let counts = unit.count(&temperatures, &interval, &steps, &truths, &mut [(); MAX_HEADS]);
             unit.channels.iter_mut().zip(counts).for_each(|(channel, counts)| channel.accumulated += counts);
             unit.ended += 1;
             unit.start_fs = unit.end_fs;
             unit.begin();
         }
+        units[0].steps = steps;
         end_ns
     }
 
@@ -85,26 +85,28 @@ impl GyroUnit {
     pub fn add_terms(&mut self, formulas: &[Formula], sums: &mut [f64]) {
         let (start_s, end_s) = (self.start_fs as f64 * 1e-15, self.end_fs as f64 * 1e-15);
         let temperatures = self.temperatures(0.5 * (start_s + end_s));
-        let mut steps = [SubStep::default(); SUB_STEPS];
+        let mut steps = std::mem::take(&mut self.steps);
         self.advance::<()>(start_s, end_s, &mut steps);
         for SubStep { counted: step, end_s } in &steps {
             // A formula has the control axes.
-            let axes = Axes::of(Gyro::ALL[0]);
-            let inputs = EffectInputs { step, axes, temperatures: &temperatures, end_s: *end_s };
+            let Device { heads, range_arcsec_s, .. } = &*self.configuration.device;
+            let (axes, full_scale_arcsec_s) = (&heads[0].axes, *range_arcsec_s);
+            let inputs = EffectInputs { step, axes, temperatures: &temperatures, end_s: *end_s, full_scale_arcsec_s };
             let values = Regressor::ALL.map(|regressor| regressor.value(&inputs));
             for (sum, formula) in sums.iter_mut().zip(formulas) {
                 *sum += formula.value(|regressor| values[regressor.index()]) * step.length_s;
             }
         }
+        self.steps = steps;
         self.ended += 1;
         self.start_fs = self.end_fs;
         self.begin();
     }
 
-    /// Accumulated counts as real numbers, in the order of [`Gyro::ALL`]: before rounding, wiring faults, self-test, power and
+    /// Accumulated counts of each head as real numbers: before rounding, wiring faults, self-test, power and
     /// saturation.
-    pub fn accumulated_counts(&self) -> [f64; 4] {
-        self.channels.each_ref().map(|channel| channel.accumulated)
+    pub fn accumulated_counts(&self) -> impl Iterator<Item = f64> + '_ {
+        self.channels.iter().map(|channel| channel.accumulated)
     }
 
     /// Continues with other numbers from the next sample on: for a model of which parameters are found while it runs.

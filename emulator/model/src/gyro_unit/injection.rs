@@ -2,27 +2,25 @@
 
 use std::sync::Arc;
 
+use geu_protocol::Gyro;
 use geu_protocol::field::CLOCK_MODULUS;
-use geu_protocol::{Gyro, Sample};
 
-use super::{Channel, CompletedSample, GyroUnit, Power, SAMPLE_INTERVAL_FS, SPIN_UP_SAMPLE_INTERVALS, SUB_STEPS};
+use super::{Channel, CompletedSample, FS, GyroUnit, Power};
 use crate::fault::Fault;
 use crate::fault::catalogue::{FaultAction, GyroFault, UnitFault};
 use crate::fault::engine::{ActiveFault, FaultEngine, FaultEvent};
 use crate::fault::expression::ConditionInputs;
-use crate::units::{RAD_PER_DEG, SAMPLE_INTERVAL_S};
+use crate::units::RAD_PER_DEG;
 
-/// Largest lead of the copy's sample end in true time, fs: a sub-step. An external truth must be known until then, so it
+/// Largest lead of the copy's sample end in true time, as a share of a sample. An external truth must be known until then, so it
 /// is less than the sample by which a truth that follows the unit is ahead.
-const CLEAN_BEHIND_FS: i128 = SAMPLE_INTERVAL_FS as i128 / SUB_STEPS as i128;
+const CLEAN_BEHIND: f64 = 0.2;
 
 /// The effect of faults on a sample.
 #[derive(Debug, Clone, PartialEq)]
 pub struct InjectionRecord {
     /// The sample without the active faults.
-    pub clean: Sample,
-    /// True if that sample would have been sent cyclically.
-    pub is_clean_cyclic: bool,
+    pub clean: CompletedSample,
     pub acting: Arc<Vec<ActiveFault>>,
 }
 
@@ -63,13 +61,14 @@ impl GyroUnit {
 
     /// On-board time at which the next sample starts.
     fn next_start_s(&self) -> f64 {
-        (self.ended + 1) as f64 * SAMPLE_INTERVAL_S
+        self.configuration.device.on_board_s(self.ended + 1)
     }
 
     /// Keeps the unit without faults from running away in true time: how far its clock may be behind this unit's.
     pub(super) fn hold_clean(&mut self) {
         if let Some(clean) = &mut self.clean {
-            clean.end_fs = clean.end_fs.min(self.end_fs + CLEAN_BEHIND_FS);
+            let behind_fs = (CLEAN_BEHIND * self.configuration.device.interval_s * FS) as i128;
+            clean.end_fs = clean.end_fs.min(self.end_fs + behind_fs);
         }
     }
 
@@ -80,11 +79,7 @@ impl GyroUnit {
             return None;
         }
         let clean = clean.unwrap_or(*ended);
-        Some(Arc::new(InjectionRecord {
-            clean: clean.sample,
-            is_clean_cyclic: clean.cyclic,
-            acting: self.faults.acting().clone(),
-        }))
+        Some(Arc::new(InjectionRecord { clean, acting: self.faults.acting().clone() }))
     }
 
     /// Begins a sample: which faults act over it.
@@ -116,14 +111,15 @@ impl GyroUnit {
     }
 
     fn recover(&mut self, law: FaultAction, gyro: Option<Gyro>) {
-        let spin_up = |channel: &mut Channel| channel.power = Power::On(SPIN_UP_SAMPLE_INTERVALS);
+        let samples = self.spin_up_samples();
+        let spin_up = |channel: &mut Channel| channel.power = Power::On(samples);
         match law {
             FaultAction::Head(GyroFault::SpinDown { .. }) => {
-                let own = gyro.map(|gyro| &mut self.channels[gyro as usize]);
+                let own = gyro.map(|gyro| &mut self.channels[gyro.index()]);
                 own.filter(|channel| matches!(channel.power, Power::On(_))).map(spin_up);
             }
             FaultAction::Unit(law @ (UnitFault::Reset | UnitFault::BrownOut | UnitFault::BootDelay)) => {
-                (self.sequence, self.clock_count, self.polled) = (u16::MAX, 0, false);
+                (self.sequence, self.clock_count, self.polled) = (u64::MAX, 0, false);
                 (self.self_test, self.last) = (None, None);
                 if law == UnitFault::BrownOut {
                     self.sensor.heater_on = true;
@@ -139,17 +135,16 @@ impl GyroUnit {
         let (truth, last) = (self.motion.now(), self.last.unwrap_or_default());
         let angle = |rad: f64| if self.motion.knows_sun() { rad / RAD_PER_DEG } else { f64::NAN };
         ConditionInputs {
-            t_s: self.ended as f64 * SAMPLE_INTERVAL_S,
+            t_s: self.configuration.device.on_board_s(self.ended),
             frame: self.ended,
-            sequence: self.sequence.wrapping_add(1),
+            sequence: self.sequence.wrapping_add(1) as u16,
             rate_arcsec_s: truth.rate_control_arcsec_s,
             theta_deg: angle(truth.theta_rad),
             psi_deg: angle(truth.psi_rad),
             electronics_c: self.temperatures(self.start_fs as f64 * 1e-15).electronics_c,
             sensor_c: self.sensor.temperature_c,
             is_polled: self.polled,
-            increments: last.increments,
-            gyro_flags: last.gyro_flags,
+            outputs: last.outputs,
             commands: self.heard.clone(),
             active: Vec::new(),
         }

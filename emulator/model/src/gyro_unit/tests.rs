@@ -22,7 +22,7 @@ fn outcome(unit: &mut GyroUnit, payload: &[u8]) -> CommandResult {
 fn rounding_is_half_away_from_zero_and_never_accumulates() {
     let mut channel = unit(&[]).channels[0].clone();
     // Accumulated −1.5, −0.5, 0.5, 1.5 round to −2, −1, 1, 2.
-    let increments = [-1.5, 1.0, 1.0, 1.0].map(|counts| channel.accumulate(counts));
+    let increments = [-1.5, 1.0, 1.0, 1.0].map(|counts| channel.accumulate(counts, Rounding::Accumulated));
     assert_eq!(increments, [-2.0, 1.0, 2.0, 1.0]);
 }
 
@@ -71,7 +71,7 @@ fn accumulated_counts_stay_within_half_a_count_of_the_unquantised() {
             assert!((counted[index] - unquantised[index]).abs() < 0.500_001);
         }
     }
-    for (accumulated, summed) in unit.accumulated_counts().into_iter().zip(unquantised) {
+    for (accumulated, summed) in unit.accumulated_counts().zip(unquantised) {
         assert!((accumulated - summed).abs() < 1e-6, "{accumulated} {summed}");
     }
 }
@@ -92,14 +92,14 @@ fn a_unit_that_follows_measured_temperatures_counts_as_any_other() {
         let both = [configuration, other];
         let mut following = both
             .each_ref()
-            .map(|configuration| GyroUnit::following(configuration, &Truth::Scenario, temperatures.clone(), gyros));
+            .map(|configuration| GyroUnit::following(configuration, &Truth::Scenario, temperatures.clone(), &gyros));
         let mut units = both.each_ref().map(GyroUnit::new);
         for _ in 0..4000 {
             let ends_ns = units.each_mut().map(|unit| unit.end_sample().end_ns);
             assert_eq!([GyroUnit::count_samples(&mut following); 2], ends_ns);
         }
         for (following, unit) in following.iter().zip(&units) {
-            let (counts, others) = (following.accumulated_counts(), unit.accumulated_counts());
+            let [counts, others] = [following, unit].map(|unit| unit.accumulated_counts().collect::<Vec<f64>>());
             for index in (0..4).filter(|&index| gyros[index]) {
                 let error = (counts[index] - others[index]).abs();
                 assert!(error < 1e-6 * others[index].abs().max(1.0), "{overrides:?}: {error}");
@@ -198,7 +198,7 @@ fn polled_mode_keeps_the_sample_until_it_is_asked_for() {
     assert!(!ended.cyclic);
     assert_eq!(ended.sample.unit_flags & 16, 16);
     for _ in 0..2 {
-        assert_eq!(unit.command(&[3]).expect("heard").polled, Some(ended.sample));
+        assert_eq!(unit.command(&[3]).expect("heard").polled, Some(ended));
     }
     let _ = unit.command(&[2, 0]);
     assert!(unit.end_sample().cyclic);

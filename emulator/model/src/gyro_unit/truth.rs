@@ -6,7 +6,6 @@ use super::GyroUnit;
 use crate::attitude::{AttitudeProfile, Motion, RecordedAttitude, StreamedAttitude};
 use crate::configuration::Configuration;
 use crate::fault::{EffectList, Fault, FaultKind};
-use crate::units::SAMPLE_INTERVAL_S;
 
 /// A truth may end by this share of a sample interval early: its stamps are rounded.
 const GRAIN: f64 = 1e-6;
@@ -55,7 +54,8 @@ impl GyroUnit {
             Truth::Scenario => true,
             Truth::Recorded(rows) => {
                 let end_s = unit.end_fs as f64 * 1e-15;
-                let needed_s = (end_s / SAMPLE_INTERVAL_S - GRAIN).ceil() * SAMPLE_INTERVAL_S;
+                let interval_s = unit.configuration.device.interval_s;
+                let needed_s = (end_s / interval_s - GRAIN).ceil() * interval_s;
                 needed_s.max(unit.needs_truth_s()) <= rows.end_s() + GRAIN
             }
             Truth::Stepped(knots) => unit.needs_truth_s() <= knots.end_s() + GRAIN,

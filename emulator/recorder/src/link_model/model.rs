@@ -1,10 +1,14 @@
 //! A link without a device.
 
+use std::sync::Arc;
+
+use geu_model::CompletedSample;
+use geu_model::device::Device;
 use geu_model::fault::FaultKind;
 use geu_model::fault::catalogue::Transport;
 use geu_model::fault::engine::ActiveFault;
 use geu_protocol::serial::DEFAULT_BAUD;
-use geu_protocol::{CanIdMap, Reply, Sample};
+use geu_protocol::{CanIdMap, Reply};
 
 use super::fault::{self, ActiveLinkFault, Blocked};
 use super::transmission::{Encoding, Transmission};
@@ -29,14 +33,28 @@ impl LinkModel {
         LinkModel { kind: Transport::Can, encoding: Encoding::Can(plan) }
     }
 
+    /// The link of a unit: of the default one at this baud rate or with these identifiers, if there are any.
+    pub fn of(device: &Arc<Device>, kind: Transport, baud: Option<u32>, plan: Option<CanIdMap>) -> LinkModel {
+        let encoding = match (device.is_iras(), kind) {
+            (true, Transport::Can) => Encoding::Can(plan.unwrap_or_default()),
+            (true, _) => Encoding::Serial { baud: baud.unwrap_or(DEFAULT_BAUD) },
+            (false, Transport::Can) => Encoding::DescribedCan(device.clone()),
+            (false, _) => {
+                let own = device.serial.as_ref().map_or(DEFAULT_BAUD, |serial| serial.baud);
+                Encoding::DescribedSerial { device: device.clone(), baud: baud.unwrap_or(own) }
+            }
+        };
+        LinkModel { kind, encoding }
+    }
+
     /// The transmissions of a sample interval with the active faults: of `sample`, `None` if none is sent cyclically, and noise.
-    pub fn carry(&self, sample: Option<&Sample>, frame: u64, acting: &[ActiveFault]) -> Vec<Transmission> {
+    pub fn carry(&self, sample: Option<&CompletedSample>, frame: u64, acting: &[ActiveFault]) -> Vec<Transmission> {
         let faults = self.faults(acting);
         if faults.iter().any(|fault| fault.blocked() == Blocked::Everything) {
             return Vec::new();
         }
-        let mut transmissions = fault::sample(self.encoding, sample, frame, &faults);
-        fault::add_noise(self.encoding, &mut transmissions, frame, &faults);
+        let mut transmissions = fault::sample(&self.encoding, sample, frame, &faults);
+        fault::add_noise(&self.encoding, &mut transmissions, frame, &faults);
         transmissions
     }
 
@@ -48,9 +66,9 @@ impl LinkModel {
 
     /// The sample that follows the reply to a POLL; empty without a reply. It is not delayed to a later sample, and has no
     /// noise.
-    pub fn polled(&self, polled: &Sample, reply: &Reply, acting: &[ActiveFault]) -> Vec<Transmission> {
+    pub fn polled(&self, polled: &CompletedSample, reply: &Reply, acting: &[ActiveFault]) -> Vec<Transmission> {
         let Some(reply) = self.reply(reply, acting) else { return Vec::new() };
-        let mut transmissions = fault::sample(self.encoding, Some(polled), 0, &self.faults(acting));
+        let mut transmissions = fault::sample(&self.encoding, Some(polled), 0, &self.faults(acting));
         transmissions.iter_mut().for_each(|it| (it.frame, it.after_ns) = (0, it.after_ns + reply.after_ns));
         transmissions
     }
@@ -75,7 +93,11 @@ impl LinkModel {
     /// True if a fault is on this link: its `link` is this transport or absent, and the transport supports it.
     fn has(&self, acting: &ActiveFault) -> bool {
         let is_able = match &acting.fault.action {
-            FaultKind::Named { spec, .. } => spec.unable_on(self.kind).is_none(),
+            FaultKind::Named { spec, .. } => {
+                let device = self.encoding.device();
+                spec.unable_on(self.kind).is_none()
+                    && device.is_none_or(|device| device.unable(spec.code, self.encoding.is_can()).is_none())
+            }
             FaultKind::Parameter { .. } => false,
         };
         is_able && acting.fault.link.is_none_or(|kind| kind == self.kind)

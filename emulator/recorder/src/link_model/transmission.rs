@@ -1,11 +1,15 @@
 //! Data of a link, bytes of a stream or CAN frames, with its time.
 
+use std::sync::Arc;
+
+use geu_model::CompletedSample;
+use geu_model::device::Device;
 use geu_protocol::command::hex;
 use geu_protocol::serial::{FrameType, data_frame, frame};
-use geu_protocol::{CanFrame, CanIdMap, Reply, Sample};
+use geu_protocol::{CanFrame, CanIdMap, Reply};
 
 /// Encoding of the messages of a link.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Encoding {
     /// Frames in a stream of bytes.
     Serial {
@@ -14,20 +18,56 @@ pub enum Encoding {
     },
     /// CAN frames.
     Can(CanIdMap),
+    /// Frames of a described unit in a stream of bytes.
+    DescribedSerial { device: Arc<Device>, baud: u32 },
+    /// CAN frames of a described unit.
+    DescribedCan(Arc<Device>),
 }
 
 impl Encoding {
-    pub(crate) fn sample(self, sample: &Sample) -> Vec<WireData> {
+    /// True for CAN frames, false for a stream of bytes.
+    pub fn is_can(&self) -> bool {
+        matches!(self, Encoding::Can(_) | Encoding::DescribedCan(_))
+    }
+
+    /// Baud rate of a stream of bytes.
+    pub fn baud(&self) -> Option<u32> {
         match self {
-            Encoding::Serial { .. } => vec![WireData::Bytes(data_frame(sample).to_vec())],
-            Encoding::Can(plan) => plan.frames(sample).into_iter().map(WireData::Frame).collect(),
+            Encoding::Serial { baud } | Encoding::DescribedSerial { baud, .. } => Some(*baud),
+            Encoding::Can(_) | Encoding::DescribedCan(_) => None,
         }
     }
 
-    pub(crate) fn reply(self, reply: &Reply) -> WireData {
+    /// The unit, if it is a described one.
+    pub fn device(&self) -> Option<&Arc<Device>> {
         match self {
-            Encoding::Serial { .. } => WireData::Bytes(frame(FrameType::Reply, reply.bytes())),
+            Encoding::DescribedSerial { device, .. } | Encoding::DescribedCan(device) => Some(device),
+            Encoding::Serial { .. } | Encoding::Can(_) => None,
+        }
+    }
+
+    pub(crate) fn sample(&self, sample: &CompletedSample) -> Vec<WireData> {
+        match self {
+            Encoding::Serial { .. } => vec![WireData::Bytes(data_frame(&sample.sample).to_vec())],
+            Encoding::Can(plan) => plan.frames(&sample.sample).into_iter().map(WireData::Frame).collect(),
+            Encoding::DescribedSerial { device, .. } => {
+                device.encode(false, sample).into_iter().map(|(_, bytes)| WireData::Bytes(bytes)).collect()
+            }
+            Encoding::DescribedCan(device) => {
+                let frame = |(id, bytes): (Option<(u32, bool)>, Vec<u8>)| match id? {
+                    (id, true) => CanFrame::extended(id, &bytes),
+                    (id, false) => CanFrame::new(id as u16, &bytes),
+                };
+                device.encode(true, sample).into_iter().filter_map(frame).map(WireData::Frame).collect()
+            }
+        }
+    }
+
+    /// A reply of the default unit.
+    pub(crate) fn reply(&self, reply: &Reply) -> WireData {
+        match self {
             Encoding::Can(plan) => WireData::Frame(plan.reply(reply)),
+            _ => WireData::Bytes(frame(FrameType::Reply, reply.bytes())),
         }
     }
 }
@@ -73,7 +113,10 @@ impl WireData {
 impl std::fmt::Display for WireData {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         if let WireData::Frame(frame) = self {
-            write!(f, "{:03X}#", frame.id())?;
+            match frame.is_extended() {
+                true => write!(f, "{:08X}#", frame.id())?,
+                false => write!(f, "{:03X}#", frame.id())?,
+            }
         }
         f.write_str(&hex(self.bytes()))
     }

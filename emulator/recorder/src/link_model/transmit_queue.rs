@@ -2,8 +2,6 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use geu_model::units::SAMPLE_INTERVAL_NS;
-
 use super::transmission::{Transmission, WireData};
 
 /// Transmissions that wait for their time. Messages can be reordered; a frame that has begun is completed before other data.
@@ -20,9 +18,16 @@ pub struct TransmitQueue {
     /// Index of the next sample.
     next_frame: u64,
     count: u64,
+    /// Nominal interval of samples, ns.
+    interval_ns: i64,
 }
 
 impl TransmitQueue {
+    /// An empty queue for samples at this interval.
+    pub fn new(interval_ns: i64) -> TransmitQueue {
+        TransmitQueue { interval_ns, ..TransmitQueue::default() }
+    }
+
     /// Adds the transmissions of sample `frame`, which ends at `end_ns`.
     pub fn put(&mut self, transmissions: Vec<Transmission>, frame: u64, end_ns: i64) {
         self.next_frame = frame.saturating_add(1);
@@ -48,7 +53,7 @@ impl TransmitQueue {
     pub fn end(&mut self, end_ns: i64) {
         for (frame, messages) in std::mem::take(&mut self.later) {
             let more = frame.saturating_add(1).saturating_sub(self.next_frame) as i64;
-            self.schedule(messages, end_ns.saturating_add(more.saturating_mul(SAMPLE_INTERVAL_NS)));
+            self.schedule(messages, end_ns.saturating_add(more.saturating_mul(self.interval_ns)));
         }
     }
 
@@ -103,6 +108,8 @@ impl TransmitQueue {
 
 #[cfg(test)]
 mod tests {
+    use geu_model::units::SAMPLE_INTERVAL_NS;
+
     use super::*;
 
     #[test]
@@ -136,7 +143,7 @@ mod tests {
 
     #[test]
     fn data_for_a_sample_after_the_end_is_due_at_its_nominal_end() {
-        let mut queue = TransmitQueue::default();
+        let mut queue = TransmitQueue::new(SAMPLE_INTERVAL_NS);
         queue.put(vec![transmission(9, 0, 1), transmission(8, 1, 2), transmission(0, 60, 3)], 0, 500);
         queue.end(500);
         let (eighth, ninth) = (500 + 8 * SAMPLE_INTERVAL_NS + 1, 500 + 9 * SAMPLE_INTERVAL_NS);

@@ -107,7 +107,7 @@ pub fn with_errors(calibrations: &[Calibration; 4], noise: &FilterNoise, seed: u
         let mut stream = NoiseStream::of_sensor(seed, &format!("calibration {}", gyro.name()));
         let mut off = |sigma: f64| sigma * stream.standard_normal();
         let axes = Axes::of(gyro);
-        let mut own = calibrations[gyro as usize];
+        let mut own = calibrations[gyro.index()];
         for (name, value) in
             [("x_arcsec", &mut own.x_arcsec), ("y_arcsec", &mut own.y_arcsec), ("z_arcsec", &mut own.z_arcsec)]
         {

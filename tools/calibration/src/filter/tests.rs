@@ -61,12 +61,12 @@ fn counts_without_noise_or_rounding_reconstruct_exactly() {
     let mut counts = AccumulatedCounts::starting_at(0);
     for _ in 0..30_000 {
         let (ended, traces) = unit.end_sample_traced();
-        counts.push(ended.end_ns as f64 * 1e-9, traces.map(|trace| trace.unquantised), 20.0);
+        counts.push(ended.end_ns as f64 * 1e-9, std::array::from_fn(|gyro| traces[gyro].unquantised), 20.0);
     }
     day.counts = counts;
     // From the first fix on by counts alone: at a later one, between samples where a ramp ends, the cubic would err.
     day.fixes.truncate(1);
-    let calibrations = configuration.gyros.clone().map(|gyro| gyro.calibration);
+    let calibrations = configuration.calibrations();
     let noise = FilterNoise { count_arcsec: 0.0, ..FilterNoise::from_configuration(&configuration, GyroSet::WithZa) };
     for in_use in [GyroSet::WithZa, GyroSet::WithZb] {
         let result = reconstruct(&day.counts, &calibrations, in_use, &noise, &day.fixes).expect("fixes");

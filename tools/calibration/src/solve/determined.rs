@@ -14,7 +14,7 @@ impl Equations<'_> {
             return Err(SolveError::Undetermined(vec!["no manoeuvre could be used".to_owned()]));
         }
         for gyro in Gyro::ALL {
-            let own: Vec<usize> = (0..self.rows.len()).filter(|&row| self.rows[row].1 == gyro as usize).collect();
+            let own: Vec<usize> = (0..self.rows.len()).filter(|&row| self.rows[row].1 == gyro.index()).collect();
             if own.is_empty() {
                 open.push(format!("{}: no manoeuvre has usable counts of it", gyro.name()));
                 continue;
@@ -23,7 +23,7 @@ impl Equations<'_> {
             let scaled = DMatrix::from_fn(own.len(), PER_GYRO, |row, index| {
                 let size = CalibrationParameter { gyro, index }.before_launch();
                 let row = own[row];
-                self.design[(row, PER_GYRO * gyro as usize + index)] * size / self.weighting[(row, row)].sqrt()
+                self.design[(row, PER_GYRO * gyro.index() + index)] * size / self.weighting[(row, row)].sqrt()
             });
             let directions = (scaled.transpose() * scaled).symmetric_eigen();
             for (index, &square) in directions.eigenvalues.iter().enumerate() {
@@ -38,7 +38,7 @@ impl Equations<'_> {
     /// Describes an undetermined direction.
     fn describe(&self, gyro: Gyro, direction: Vec<f64>) -> String {
         let largest_deg = |axis: usize| {
-            let turned = self.observations.iter().filter(|observation| observation.counts[gyro as usize].is_some());
+            let turned = self.observations.iter().filter(|observation| observation.counts[gyro.index()].is_some());
             turned.map(|observation| observation.rotation_control_arcsec[axis].abs()).fold(0.0, f64::max)
                 / ARCSEC_PER_DEG
         };
@@ -65,7 +65,7 @@ impl Equations<'_> {
             _ => format!(
                 "{} cannot be distinguished: {} manoeuvre{} with counts of {} {} few, or they turn about these axes only together",
                 names.join(" and "),
-                self.rows.iter().filter(|row| row.1 == gyro as usize).count(),
+                self.rows.iter().filter(|row| row.1 == gyro.index()).count(),
                 if self.observations.len() == 1 { "" } else { "s" },
                 gyro.name(),
                 if self.observations.len() == 1 { "is too" } else { "are too" },

@@ -44,7 +44,7 @@ impl CalibrationParameter {
 
     /// Index among all parameters, in the order of the solution.
     pub fn position(self) -> usize {
-        PER_GYRO * self.gyro as usize + self.index
+        PER_GYRO * self.gyro.index() + self.index
     }
 
     pub fn key(self) -> &'static str {

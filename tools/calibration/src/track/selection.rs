@@ -105,7 +105,7 @@ pub struct Reason {
 impl std::fmt::Display for Reason {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         if self.gyros != [true; 4] {
-            let names = Gyro::ALL.into_iter().filter(|&gyro| self.gyros[gyro as usize]).map(Gyro::name);
+            let names = Gyro::ALL.into_iter().filter(|&gyro| self.gyros[gyro.index()]).map(Gyro::name);
             write!(f, "{}: ", names.collect::<Vec<_>>().join(" and "))?;
         }
         self.kind.fmt(f)

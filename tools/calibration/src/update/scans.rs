@@ -34,16 +34,16 @@ struct SteadySegment {
 fn steady_segments(counts: &AccumulatedCounts, calibrations: &[Calibration; 4]) -> Vec<SteadySegment> {
     // By the Z gyro with fewer broken samples.
     let broken = |gyro: Gyro| {
-        let own = counts.breaks.iter().filter(|found| found.gyros[gyro as usize]);
+        let own = counts.breaks.iter().filter(|found| found.gyros[gyro.index()]);
         own.map(|found| found.to - found.from).sum::<usize>()
     };
-    let (in_use, z) = match broken(Gyro::Za) <= broken(Gyro::Zb) {
-        true => (GyroSet::WithZa, Gyro::Za),
-        false => (GyroSet::WithZb, Gyro::Zb),
+    let (in_use, z) = match broken(Gyro::ZA) <= broken(Gyro::ZB) {
+        true => (GyroSet::WithZa, Gyro::ZA),
+        false => (GyroSet::WithZb, Gyro::ZB),
     };
     let transfer = Transfer::new(calibrations, in_use);
     let mut is_broken = vec![false; counts.len()];
-    for found in counts.breaks.iter().filter(|found| found.gyros[z as usize] || found.gyros[Gyro::Y as usize]) {
+    for found in counts.breaks.iter().filter(|found| found.gyros[z.index()] || found.gyros[Gyro::Y.index()]) {
         is_broken[found.from..found.to.min(counts.len())].fill(true);
     }
     let mut segments: Vec<SteadySegment> = Vec::new();

@@ -62,7 +62,7 @@ impl MeasuredData {
             MeasuredTemperatures::new(&electronics, &table(&self.counts.sensor_c, 0.0), self.samples)
         });
         let model = self.without_noise(configuration);
-        GyroUnit::following(&model, &Truth::Recorded(reference), temperatures, gyros)
+        GyroUnit::following(&model, &Truth::Recorded(reference), temperatures, &gyros)
     }
 
     /// Angle that a term with each formula and a coefficient of 1 adds on each gyro, arcsec, averaged over blocks.

@@ -38,7 +38,7 @@ impl Clone for ModelCache {
 pub(super) struct CachedRun {
     /// The configuration without its gyros.
     pub(super) unit: Configuration,
-    gyros: [GyroConfiguration; 4],
+    gyros: Vec<GyroConfiguration>,
     shifts: Shifts,
     pub(super) channels: [Option<Arc<Vec<f64>>>; CHANNELS],
 }

@@ -82,7 +82,7 @@ impl SmoothedReference {
         nominal: &Configuration,
         blocks: usize,
     ) -> (Option<ReferenceSigma>, Option<SmoothedReference>) {
-        let calibrations = nominal.gyros.each_ref().map(|gyro| gyro.calibration);
+        let calibrations = nominal.calibrations();
         let matrix = misalignment_matrix(&calibrations);
         let turned = rotation(counts, reference, &matrix, nominal);
         let turned = without_rounding(&turned);

@@ -63,7 +63,7 @@ impl CalibrationPage<'_> {
     }
 
     fn prior_values(&self) -> [f64; UNKNOWNS] {
-        values(&self.prior.gyros.each_ref().map(|gyro| gyro.calibration))
+        values(&self.prior.calibrations())
     }
 
     fn hand_values(&self) -> Option<[f64; UNKNOWNS]> {
@@ -271,7 +271,7 @@ fn value_and_unit(parameter: CalibrationParameter, value: f64) -> (String, &'sta
 
 /// Index of a calibration parameter.
 fn position(parameter: CalibrationParameter) -> usize {
-    solve::PER_GYRO * parameter.gyro as usize + parameter.index
+    solve::PER_GYRO * parameter.gyro.index() + parameter.index
 }
 
 fn percent(probability: f64) -> String {

@@ -16,7 +16,7 @@ use crate::text_table::text_table;
 pub fn table(prior: &Configuration, calibrated: &Calibrated) -> String {
     let solution = &calibrated.solution;
     let (solved, sigmas) = (solution.values(), solution.sigmas());
-    let before = values(&prior.gyros.each_ref().map(|gyro| gyro.calibration));
+    let before = values(&prior.calibrations());
     let hand = calibrated.first_order.as_ref().map(values);
     let rows = CalibrationParameter::all().enumerate().map(|(index, parameter)| {
         let (unit, digits, size, sigma_unit) = match parameter.index {

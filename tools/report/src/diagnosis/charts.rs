@@ -47,7 +47,7 @@ fn end_s(diagnosis: &Diagnosis) -> f64 {
 pub(super) fn residuals(diagnosis: &Diagnosis, gyro: Gyro) -> String {
     let name = gyro.name();
     let [before, after] = &diagnosis.windowed;
-    let series = [("before", &before[gyro as usize]), ("after", &after[gyro as usize])];
+    let series = [("before", &before[gyro.index()]), ("after", &after[gyro.index()])];
     let known = series.iter().flat_map(|(_, values)| values.iter()).filter(|value| value.is_finite());
     let (min, max) = known.fold((0.0f64, 0.0f64), |(min, max), value| (min.min(*value), max.max(*value)));
     let span = (max - min).max(2.0);
@@ -60,7 +60,7 @@ pub(super) fn residuals(diagnosis: &Diagnosis, gyro: Gyro) -> String {
         .units("s", "arcsec");
     chart.y_ticks_from(min, 6);
     chart.y_title("arcsec");
-    let left = diagnosis.unexplained.as_ref().filter(|left| left.gyros[gyro as usize]);
+    let left = diagnosis.unexplained.as_ref().filter(|left| left.gyros[gyro.index()]);
     if let Some(left) = left {
         let [from_s, to_s] = left.interval_s.map(|at_s| at_s.clamp(0.0, end_s));
         let title = format!("left unexplained, {from_s:.0}…{to_s:.0} s");
@@ -137,7 +137,7 @@ pub(super) fn gap_bars(diagnosis: &Diagnosis, gyro: Gyro) -> String {
     let [before, after] = diagnosis
         .segment_rms_arcsec
         .each_ref()
-        .map(|all| -> Vec<f64> { all.iter().map(|rms| rms[gyro as usize]).collect() });
+        .map(|all| -> Vec<f64> { all.iter().map(|rms| rms[gyro.index()]).collect() });
     let max = before.iter().chain(&after).copied().filter(|rms| rms.is_finite()).fold(1.0, f64::max) * 1.06;
     let label = format!("Gap of {name} in each manoeuvre before and after, arcsec");
     let mut chart = Chart::new(&label, (480.0, 190.0), (0.4, segments.len() as f64 + 0.6), (0.0, max), 2)
@@ -184,7 +184,7 @@ pub(super) fn heat_map(diagnosis: &Diagnosis, model: &ResidualMap, gyro: Gyro, w
         let bottom = rows - 1.0 - index as f64;
         chart.beside(bottom + 0.5, variable);
         chart.line("faintly", (0.0, bottom), (end_s, bottom));
-        for (number, (segment, sigmas)) in diagnosis.segments.iter().zip(&model.segments[gyro as usize]).enumerate() {
+        for (number, (segment, sigmas)) in diagnosis.segments.iter().zip(&model.segments[gyro.index()]).enumerate() {
             let Some((sigmas, class)) = sigmas[index].and_then(|sigmas| Some((sigmas, strength(sigmas)?))) else {
                 continue;
             };

@@ -153,7 +153,7 @@ impl DiagnosisPage<'_> {
         let rows = self.diagnosis.segments.iter().enumerate().map(|(index, segment)| {
             let rms = |gyro: Gyro| {
                 let [before, after] =
-                    [before, after].map(|all| all.get(index).map_or(f64::NAN, |rms| rms[gyro as usize]));
+                    [before, after].map(|all| all.get(index).map_or(f64::NAN, |rms| rms[gyro.index()]));
                 format!("{} → {}", arcsec(before), arcsec(after))
             };
             let mut row = vec![

@@ -17,7 +17,7 @@ impl DiagnosisPage<'_> {
         let [before, after] = &self.diagnosis.residual_maps;
         let rows = (1..VARIABLES.len()).map(|variable| {
             let cell = |gyro: Gyro| {
-                let [before, after] = [before, after].map(|model| model.whole[gyro as usize][variable]);
+                let [before, after] = [before, after].map(|model| model.whole[gyro.index()][variable]);
                 match (before, after) {
                     (None, None) => "–".to_owned(),
                     _ => format!("{} → {}", in_sigmas(before), in_sigmas(after)),
@@ -36,7 +36,7 @@ impl DiagnosisPage<'_> {
         );
         text += &self.places();
         let stands_out = |gyro: &Gyro| {
-            let all = [before, after].into_iter().flat_map(|model| &model.segments[*gyro as usize]);
+            let all = [before, after].into_iter().flat_map(|model| &model.segments[gyro.index()]);
             all.filter_map(strongest).any(|(_, sigmas)| sigmas.abs() > SIGNIFICANT)
         };
         let (shown, others): (Vec<Gyro>, Vec<Gyro>) = Gyro::ALL.into_iter().partition(stands_out);
@@ -63,7 +63,7 @@ impl DiagnosisPage<'_> {
         let mut places: Vec<(Gyro, usize, usize, f64)> = Gyro::ALL
             .into_iter()
             .flat_map(|gyro| {
-                before.segments[gyro as usize].iter().enumerate().map(move |(number, own)| (gyro, number, own))
+                before.segments[gyro.index()].iter().enumerate().map(move |(number, own)| (gyro, number, own))
             })
             .filter_map(|(gyro, number, own)| strongest(own).map(|(variable, sigmas)| (gyro, number, variable, sigmas)))
             .filter(|(.., sigmas)| sigmas.abs() > SIGNIFICANT)
@@ -74,7 +74,7 @@ impl DiagnosisPage<'_> {
         places.sort_by(|one, other| other.3.abs().total_cmp(&one.3.abs()));
         let count = places.len();
         let rows = places.into_iter().take(PLACES).map(|(gyro, number, variable, sigmas)| {
-            let later = after.segments[gyro as usize].get(number).and_then(|own| own[variable]);
+            let later = after.segments[gyro.index()].get(number).and_then(|own| own[variable]);
             let segment = &self.diagnosis.segments[number];
             vec![
                 format!("{} {}", number + 1, escape(&segment.name)),

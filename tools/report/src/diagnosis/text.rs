@@ -267,7 +267,7 @@ fn gap(diagnosis: &Diagnosis) -> String {
 
 /// The most significant variables of a gyro before the diagnosis, over the recording and in motion segments.
 fn significant_terms(diagnosis: &Diagnosis, gyro: Gyro) -> Vec<String> {
-    let ([before, after], index) = (&diagnosis.residual_maps, gyro as usize);
+    let ([before, after], index) = (&diagnosis.residual_maps, gyro.index());
     let whole = VARIABLES.iter().zip(&before.whole[index]).zip(&after.whole[index]);
     let along = whole.filter_map(|((name, sigmas), later)| Some((format!("along {name}"), (*sigmas)?, *later)));
     let segments = diagnosis.segments.iter().zip(&before.segments[index]).zip(&after.segments[index]);

@@ -122,7 +122,7 @@ async fn replay_items(
     let links = session.open_links(&settings.links, &unit)?;
     links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.info().statistics.name));
     let statistics: Vec<_> = links.iter().map(|link| link.info().statistics.clone()).collect();
-    let links = links.into_iter().map(LinkOutput::new).collect();
+    let links = links.into_iter().map(|link| LinkOutput::new(link, unit.device.interval_ns())).collect();
     let shown = Arc::new(Mutex::new(None));
     let last_sample = || *shown.lock().expect("no panic while locked");
     let (own_session, own_settings, own_shown) = (session.clone(), settings.clone(), shown.clone());

@@ -4,11 +4,12 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use geu_model::CompletedSample;
 use geu_model::fault::engine::{FaultEngine, FaultEvent};
 use geu_model::fault::expression::ConditionInputs;
 use geu_model::units::{SAMPLE_INTERVAL_NS, on_board_s};
 use geu_protocol::field::unit_flag;
-use geu_protocol::{CanFrame, CanIdMap, Sample};
+use geu_protocol::{CanIdMap, Sample};
 
 use super::item::{ReplayItem, ReplayItemKind, ReplayOptions, Steps, TrafficOrigin};
 use crate::cadence::{doze_until, now_ns};
@@ -192,7 +193,7 @@ impl Player {
         let frame = if by_time as u64 > self.frame + 1 { by_time as u64 } else { self.frame };
         self.frame = frame + 1;
         if !self.faults.is_empty() {
-            self.faults.begin(&mut self.inputs(sample, frame), self.last);
+            self.faults.begin(&mut self.inputs(sample, frame), self.last.map(CompletedSample::from));
             self.faults.take_happened().iter().for_each(log_event);
         }
         let acting = self.faults.acting().clone();
@@ -207,7 +208,7 @@ impl Player {
                 || output.queue.next_ns().is_some_and(|due_ns| due_ns <= item.played_ns + 1);
             *encodes = is_touched || waits || is_can != is_bus(&model);
             if *encodes {
-                output.put(Some(sample), frame, item.played_ns, &acting);
+                output.put(Some(&(*sample).into()), frame, item.played_ns, &acting);
                 output.send_due(item.played_ns, &self.links.patience);
             }
         }
@@ -230,8 +231,7 @@ impl Player {
             electronics_c: f64::from(sample.electronics_centi_c) / 100.0,
             sensor_c: f64::from(sample.sensor_centi_c) / 100.0,
             is_polled: sample.unit_flags & unit_flag("polled") != 0,
-            increments: last.increments,
-            gyro_flags: last.gyro_flags,
+            outputs: CompletedSample::from(last).outputs,
             ..ConditionInputs::default()
         }
     }
@@ -270,15 +270,15 @@ impl Player {
 }
 
 fn is_bus(model: &LinkModel) -> bool {
-    matches!(model.encoding, Encoding::Can(_))
+    model.encoding.is_can()
 }
 
 /// A message of the unit with its identifier on this link.
 fn with_identifier(content: &WireData, origin: TrafficOrigin, recorded: CanIdMap, model: &LinkModel) -> WireData {
-    match (content, model.encoding) {
+    match (content, &model.encoding) {
         (WireData::Frame(frame), Encoding::Can(plan)) if origin != TrafficOrigin::Other => {
-            let id = frame.id().saturating_sub(recorded.base()).saturating_add(plan.base());
-            WireData::Frame(CanFrame::new(id, frame.data()).unwrap_or(*frame))
+            let offset = frame.id().saturating_sub(recorded.base().into());
+            WireData::Frame(frame.with_id(offset.saturating_add(plan.base().into())))
         }
         _ => content.clone(),
     }

@@ -63,7 +63,10 @@ fn played(speed: Speed, plan: Configuration) -> (Timed, Timed, ReplayCounts, i64
 fn played_items(speed: Speed, plan: Configuration, items: Vec<ReplayItem>) -> (Timed, Timed, ReplayCounts, i64) {
     let (bus, stream) = (Sent::default(), Sent::default());
     let link = |model, sent: &Sent| {
-        LinkOutput::new(Box::new(StoredLink { info: LinkInfo::new(model, "kept"), sent: sent.clone() }) as Box<dyn Link>)
+        LinkOutput::new(
+            Box::new(StoredLink { info: LinkInfo::new(model, "kept"), sent: sent.clone() }) as Box<dyn Link>,
+            500_000_000,
+        )
     };
     let links = vec![link(LinkModel::can(CanIdMap::default()), &bus), link(LinkModel::serial(Transport::Tcp), &stream)];
     let recorded_plan = CanIdMap::with_base(0x300).unwrap();

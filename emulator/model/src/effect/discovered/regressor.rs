@@ -147,8 +147,13 @@ mod tests {
             sensor_c: 67.0,
         };
         // The middle of the sub-step is 43 200 s: half a day.
-        let surroundings =
-            EffectInputs { step: &step, axes: Axes::of(Gyro::X), temperatures: &temperatures, end_s: 43_200.125 };
+        let surroundings = EffectInputs {
+            step: &step,
+            axes: Axes::of(Gyro::X),
+            temperatures: &temperatures,
+            end_s: 43_200.125,
+            full_scale_arcsec_s: 720.0,
+        };
         for (name, expected) in [
             ("rate_x", 5.0),
             ("rate_y", -10.0),

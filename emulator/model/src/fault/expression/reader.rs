@@ -4,9 +4,11 @@ use geu_protocol::Gyro;
 use geu_protocol::command::COMMANDS;
 
 use super::{FUNCTIONS, LEVELS, MAX_DEPTH, Node, OPERATORS, Sort, Takes, VARIABLES, vocabulary};
+use crate::device::Device;
 
 pub(super) struct Reader<'a> {
     pub text: &'a str,
+    pub device: &'a Device,
     pub place: usize,
     pub depth: usize,
 }
@@ -155,12 +157,14 @@ impl<'a> Reader<'a> {
         };
         let node = match takes {
             Takes::Gyro => {
-                let gyro = Gyro::from_name(name)
-                    .ok_or_else(|| self.expected(&format!("one of {}", Gyro::ALL.map(Gyro::name).join(", "))))?;
+                let gyro = self.device.gyro(name).ok_or_else(|| {
+                    let names: Vec<&str> = self.device.gyros().map(Gyro::name).collect();
+                    self.expected(&format!("one of {}", names.join(", ")))
+                })?;
                 match function {
                     "count" => Node::Count(gyro),
-                    "valid" => Node::Flag(gyro, 0),
-                    _ => Node::Flag(gyro, 4),
+                    "valid" => Node::Valid(gyro),
+                    _ => Node::Saturated(gyro),
                 }
             }
             Takes::Command => {

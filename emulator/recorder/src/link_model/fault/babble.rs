@@ -1,10 +1,9 @@
 //! Noise between samples: random bytes, on CAN frames of any identifier.
 
 use geu_model::fault::catalogue::link_fault::Babble;
-use geu_model::units::SAMPLE_INTERVAL_NS;
 use geu_protocol::CanFrame;
 
-use super::{Context, Encoding, LinkBehaviour, MAX_TRANSMISSIONS, Transmission, WireData};
+use super::{Context, LinkBehaviour, MAX_TRANSMISSIONS, Transmission, WireData};
 
 /// Noise of one sample interval is sent in at most this many bursts.
 const BURSTS: u64 = 16;
@@ -13,14 +12,14 @@ impl LinkBehaviour for Babble {
     fn noise(&self, transmissions: &mut Vec<Transmission>, frame: u64, context: &Context) {
         let mut draw = context.draw();
         let mut random = |count: u64| -> Vec<u8> { (0..count).map(|_| draw.bits() as u8).collect() };
-        let amount = self.amount as u64;
+        let (amount, interval_ns) = (self.amount as u64, (context.acting.interval_s * 1e9).round() as i64);
         let bursts = amount.min(BURSTS);
         for burst in 0..bursts {
             let count = (burst + 1) * amount / bursts - burst * amount / bursts;
-            let after_ns = (2 * burst as i64 + 1) * SAMPLE_INTERVAL_NS / (2 * bursts as i64);
-            let noise = match context.encoding {
-                Encoding::Serial { .. } => vec![WireData::Bytes(random(count))],
-                Encoding::Can(_) => (0..count)
+            let after_ns = (2 * burst as i64 + 1) * interval_ns / (2 * bursts as i64);
+            let noise = match context.encoding.is_can() {
+                false => vec![WireData::Bytes(random(count))],
+                true => (0..count)
                     .filter_map(|_| {
                         let bytes = random(11);
                         let id = u16::from_be_bytes([bytes[0], bytes[1]]) & 0x7FF;

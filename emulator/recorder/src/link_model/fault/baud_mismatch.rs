@@ -3,14 +3,14 @@
 use geu_model::fault::catalogue::link_fault::BaudMismatch;
 use geu_protocol::serial::BITS_PER_BYTE;
 
-use super::{Context, Encoding, LinkBehaviour, WireData};
+use super::{Context, LinkBehaviour, WireData};
 
 /// Bits of a byte on the line.
 const BITS: usize = BITS_PER_BYTE as usize;
 
 impl LinkBehaviour for BaudMismatch {
     fn encoded(&self, data: &mut Vec<WireData>, context: &Context) {
-        let Encoding::Serial { baud: own } = context.encoding else { return };
+        let Some(own) = context.encoding.baud() else { return };
         for data in data {
             if let WireData::Bytes(bytes) = data {
                 *bytes = read_at(bytes, self.baud, f64::from(own));

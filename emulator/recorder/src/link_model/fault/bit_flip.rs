@@ -1,7 +1,9 @@
 //! Flips bits anywhere in the data: before the CRC is computed, or after it, including the CRC.
 
 use geu_model::fault::catalogue::link_fault::BitFlip;
+use geu_model::device::Device;
 use geu_protocol::can::{STATUS_COVERED, close_status};
+use geu_protocol::layout::Frame;
 use geu_protocol::serial::{self, CRC, HEADER};
 
 use super::{Context, Encoding, LinkBehaviour, WireData};
@@ -9,15 +11,17 @@ use super::{Context, Encoding, LinkBehaviour, WireData};
 impl LinkBehaviour for BitFlip {
     fn encoded(&self, data: &mut Vec<WireData>, context: &Context) {
         let is_after_crc = self.crc == 0.0;
-        let is_serial = matches!(context.encoding, Encoding::Serial { .. });
         // Candidate bits: message, byte, bit.
         let mut places = Vec::new();
         for (index, message) in data.iter().enumerate() {
             let length = message.bytes().len();
-            let covered = match (is_serial, index) {
-                (true, _) => HEADER..length.saturating_sub(if is_after_crc { 0 } else { CRC }),
-                (false, 1) if !is_after_crc => 0..STATUS_COVERED.min(length),
-                (false, _) => 0..length,
+            let covered = match (context.encoding, index) {
+                (Encoding::Serial { .. }, _) => HEADER..length.saturating_sub(if is_after_crc { 0 } else { CRC }),
+                (Encoding::Can(_), 1) if !is_after_crc => 0..STATUS_COVERED.min(length),
+                (Encoding::DescribedSerial { device, .. }, _) => {
+                    frame_of(device, message).map_or(0, |frame| frame.start().len())..length
+                }
+                (Encoding::Can(_) | Encoding::DescribedCan(_), _) => 0..length,
             };
             places.extend(covered.flat_map(|byte| (0..8).map(move |bit| (index, byte, bit))));
         }
@@ -28,10 +32,30 @@ impl LinkBehaviour for BitFlip {
             bytes[byte] ^= 1 << bit;
             data[index].set_bytes(bytes);
         }
-        if !is_after_crc {
-            update_crc(data);
+        match context.encoding.device() {
+            _ if is_after_crc => {}
+            None => update_crc(data),
+            Some(device) => data.iter_mut().for_each(|message| update_checks(device, message)),
         }
     }
+}
+
+/// The frame of a described unit that has this identifier or start, and this length.
+fn frame_of<'a>(device: &'a Device, message: &WireData) -> Option<&'a Frame> {
+    let bytes = message.bytes();
+    let (is_can, id) = match message {
+        WireData::Bytes(_) => (false, None),
+        WireData::Frame(frame) => (true, Some((frame.id(), frame.is_extended()))),
+    };
+    let is_it = |frame: &&Frame| frame.id == id && frame.length() == bytes.len() && bytes.starts_with(frame.start());
+    device.frames(is_can)?.frames.iter().find(is_it)
+}
+
+fn update_checks(device: &Device, message: &mut WireData) {
+    let Some(frame) = frame_of(device, message) else { return };
+    let mut bytes = message.bytes().to_vec();
+    frame.checks.iter().for_each(|check| check.write(&mut bytes));
+    message.set_bytes(bytes);
 }
 
 fn update_crc(data: &mut [WireData]) {

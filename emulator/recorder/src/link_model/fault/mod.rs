@@ -7,10 +7,10 @@
 #[cfg(test)]
 mod tests;
 
+use geu_model::CompletedSample;
 use geu_model::fault::catalogue::LinkFault;
 use geu_model::fault::engine::ActiveFault;
 use geu_model::noise::NoiseStream;
-use geu_protocol::Sample;
 use geu_protocol::serial::{self, OVERHEAD};
 
 use super::transmission::{Encoding, Transmission, WireData};
@@ -41,7 +41,7 @@ trait LinkBehaviour {
     }
 
     /// The sample to encode in place of this one; `None`: no sample is sent.
-    fn sample(&self, sample: Sample, _acting: &ActiveFault) -> Option<Sample> {
+    fn sample(&self, sample: CompletedSample, _acting: &ActiveFault) -> Option<CompletedSample> {
         Some(sample)
     }
 
@@ -86,7 +86,7 @@ impl Schedule {
 
 /// Context of a fault on a link.
 struct Context<'a> {
-    encoding: Encoding,
+    encoding: &'a Encoding,
     acting: &'a ActiveFault,
     /// No fault of the same code acts after it.
     is_last_of_its_code: bool,
@@ -132,8 +132,8 @@ pub fn changes_replies(fault: &LinkFault) -> bool {
 
 /// The transmissions of a sample; empty if none is sent.
 pub(super) fn sample(
-    encoding: Encoding,
-    sample: Option<&Sample>,
+    encoding: &Encoding,
+    sample: Option<&CompletedSample>,
     frame: u64,
     faults: &[ActiveLinkFault],
 ) -> Vec<Transmission> {
@@ -148,7 +148,8 @@ pub(super) fn sample(
             (behaviour(fault), Context { encoding, acting, is_last_of_its_code })
         })
     };
-    let changed = |sample: &Sample| all().try_fold(*sample, |sample, (it, context)| it.sample(sample, context.acting));
+    let changed =
+        |sample: &CompletedSample| all().try_fold(*sample, |sample, (it, context)| it.sample(sample, context.acting));
     let Some(sample) = sample.and_then(changed) else { return Vec::new() };
     let mut data = encoding.sample(&sample);
     all().for_each(|(it, context)| it.encoded(&mut data, &context));
@@ -163,7 +164,7 @@ pub(super) fn sample(
 
 /// Adds other data on the link in this sample interval.
 pub(super) fn add_noise(
-    encoding: Encoding,
+    encoding: &Encoding,
     transmissions: &mut Vec<Transmission>,
     frame: u64,
     faults: &[ActiveLinkFault],

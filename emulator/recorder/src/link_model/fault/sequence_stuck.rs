@@ -1,13 +1,13 @@
 //! The sequence keeps its value; the CRC is right.
 
+use geu_model::CompletedSample;
 use geu_model::fault::catalogue::link_fault::SequenceStuck;
 use geu_model::fault::engine::ActiveFault;
-use geu_protocol::Sample;
 
 use super::LinkBehaviour;
 
 impl LinkBehaviour for SequenceStuck {
-    fn sample(&self, sample: Sample, acting: &ActiveFault) -> Option<Sample> {
-        Some(Sample { sequence: acting.before.map_or(0, |before| before.sequence), ..sample })
+    fn sample(&self, sample: CompletedSample, acting: &ActiveFault) -> Option<CompletedSample> {
+        Some(sample.numbered(acting.before.map_or(0, |before| before.outputs.number)))
     }
 }

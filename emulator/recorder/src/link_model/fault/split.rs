@@ -2,16 +2,16 @@
 
 use geu_model::fault::catalogue::link_fault::Split;
 
-use super::{Context, Encoding, LinkBehaviour, Schedule, Transmission, WireData, ns};
+use super::{Context, LinkBehaviour, Schedule, Transmission, WireData, ns};
 
 impl LinkBehaviour for Split {
     fn schedule(&self, schedule: &mut Schedule, context: &Context) {
         let (place, gap_ns) = (self.byte as usize, ns(self.gap_s));
-        match context.encoding {
-            Encoding::Can(_) => {
+        match context.encoding.is_can() {
+            true => {
                 schedule.transmissions.iter_mut().skip(place).for_each(|it| it.after_ns += gap_ns);
             }
-            Encoding::Serial { .. } => {
+            false => {
                 // A gap also delays the later parts of a frame that was split before.
                 let mut later_ns = 0;
                 let parts = schedule.transmissions.drain(..).flat_map(|transmission| {

@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 
 use geu_model::fault::catalogue::{CATALOGUE, FaultSpec, Scope, Transport};
 use geu_model::parameter_spec::{DefaultValue, ValueFormat as NumberForm};
-use geu_model::{Configuration, GyroUnit};
+use geu_model::{CompletedSample, Configuration, GyroUnit};
+use geu_protocol::CanIdMap;
 use geu_protocol::crc::crc16;
 use geu_protocol::serial::{self, Deframer, DeframerEvent};
-use geu_protocol::{CanIdMap, Sample};
 
 use super::super::{LinkModel, Transmission, WireData};
 use super::MAX_TRANSMISSIONS;
@@ -32,8 +32,8 @@ fn planned(kind: Transport, plan: &str) -> Vec<(Vec<WireData>, Vec<Transmission>
     let samples = (0..20).map(|frame| {
         let ended = unit.end_sample();
         let acting = unit.injected().map(|injected| injected.acting.clone()).unwrap_or_default();
-        let sent = Some(&ended.sample).filter(|_| ended.cyclic);
-        (model.encoding.sample(&ended.sample), model.carry(sent, frame, &acting))
+        let sent = Some(&ended).filter(|_| ended.cyclic);
+        (model.encoding.sample(&ended), model.carry(sent, frame, &acting))
     });
     samples.collect()
 }
@@ -205,7 +205,7 @@ fn replies_have_no_noise() {
     let mut configuration = Configuration::reference();
     configuration.add_plan("plan", "[[fault]]\nfault = \"babble\"").expect("a plan");
     let unit = GyroUnit::new(&configuration);
-    let (sample, acting) = (Sample::default(), unit.faults().acting());
+    let (sample, acting) = (CompletedSample::default(), unit.faults().acting());
     for kind in Transport::ALL {
         let model = model(kind);
         let reply = geu_protocol::Reply::new(3, geu_protocol::CommandResult::Done, &[]);

@@ -1,7 +1,6 @@
-//! Changes the frame type, on CAN the identifier of INCREMENTS and the following identifiers with it.
+//! Changes the frame type, on CAN the identifier of the first message and the following identifiers with it.
 
 use geu_model::fault::catalogue::link_fault::WrongIdentifier;
-use geu_protocol::CanFrame;
 use geu_protocol::serial::TYPE_AT;
 
 use super::{Context, Encoding, LinkBehaviour, WireData, change_headers};
@@ -12,16 +11,16 @@ impl LinkBehaviour for WrongIdentifier {
         if !context.is_last_of_its_code {
             return;
         }
-        match context.encoding {
-            Encoding::Serial { .. } => change_headers(data, |bytes| bytes[TYPE_AT] = self.identifier as u8),
-            Encoding::Can(plan) => {
-                for data in data {
-                    if let WireData::Frame(frame) = data {
-                        let offset = frame.id().saturating_sub(plan.base());
-                        let id = (self.identifier as u16).saturating_add(offset);
-                        *frame = CanFrame::new(id, frame.data()).unwrap_or(*frame);
-                    }
-                }
+        if !context.encoding.is_can() {
+            return change_headers(data, |bytes| bytes[TYPE_AT] = self.identifier as u8);
+        }
+        let first = match context.encoding {
+            Encoding::Can(plan) => Some(plan.base().into()),
+            _ => data.iter().find_map(|data| if let WireData::Frame(frame) = data { Some(frame.id()) } else { None }),
+        };
+        for data in data {
+            if let WireData::Frame(frame) = data {
+                *frame = frame.with_id(self.identifier as u32 + frame.id().saturating_sub(first.unwrap_or_default()));
             }
         }
     }

@@ -1,0 +1,74 @@
+//! A sample of a unit on its links: the values that its fields carry, and its frames.
+
+use geu_protocol::field::{UNIT_FLAGS, unit_flag};
+use geu_protocol::layout::{FrameSet, Quantity, ValueSpec};
+
+use super::Device;
+use crate::gyro_unit::CompletedSample;
+
+impl Device {
+    /// Frames of a link of bytes or of CAN; `None` for a link that the unit does not have.
+    pub fn frames(&self, is_can: bool) -> Option<&FrameSet> {
+        match is_can {
+            true => self.can.as_ref().map(|can| &*can.frames),
+            false => self.serial.as_ref().map(|serial| &*serial.frames),
+        }
+    }
+
+    /// The identifiers and bytes that a sample sends on a link.
+    pub fn encode(&self, is_can: bool, sample: &CompletedSample) -> Vec<(Option<(u32, bool)>, Vec<u8>)> {
+        let Some(set) = self.frames(is_can) else { return Vec::new() };
+        let values: Vec<f64> = set.values.iter().map(|value| self.value(value, set, sample)).collect();
+        let number = sample.outputs.number;
+        let due = set
+            .frames
+            .iter()
+            .filter(|frame| frame.instead_of.is_none() && number.is_multiple_of(u64::from(frame.every)));
+        due.map(|frame| {
+            let mut bytes = Vec::with_capacity(frame.length());
+            frame.write(&values, &mut bytes);
+            (frame.id, bytes)
+        })
+        .collect()
+    }
+
+    /// The value of a field.
+    fn value(&self, value: &ValueSpec, set: &FrameSet, sample: &CompletedSample) -> f64 {
+        let CompletedSample { sample, outputs, .. } = sample;
+        let bit = |mask: u8, head: usize| f64::from(mask >> head & 1);
+        match &value.quantity {
+            Quantity::Output(head) => {
+                outputs.counts[*head] * self.heads[*head].count_arcsec / self.arcsec_per_unit(value)
+            }
+            Quantity::Valid(head) => bit(outputs.valid, *head),
+            Quantity::Saturated(head) => bit(outputs.saturated, *head),
+            Quantity::Sequence => {
+                let (modulus, step) = set.sequence;
+                (outputs.number.wrapping_mul(step) % modulus) as f64
+            }
+            Quantity::ClockCount => sample.clock_count as f64,
+            Quantity::Latency => 0.0,
+            Quantity::Electronics => f64::from(sample.electronics_centi_c) / 100.0,
+            Quantity::Temperature(_) | Quantity::Sensor => f64::from(sample.sensor_centi_c) / 100.0,
+            Quantity::Status(name) => {
+                let is_known = UNIT_FLAGS.iter().any(|flag| flag.name == name);
+                f64::from(u8::from(is_known && sample.unit_flags & unit_flag(name) != 0))
+            }
+        }
+    }
+
+    /// Reason why a unit cannot have a fault on a kind of link, beside those of the link itself.
+    pub fn unable(&self, fault: &str, is_can: bool) -> Option<&'static str> {
+        if self.is_iras() {
+            return None;
+        }
+        let Some(set) = self.frames(is_can) else { return Some("the unit has no such link") };
+        match fault {
+            "sequence-stuck" | "sequence-jump" if set.sequence == (1, 1) => Some("its frames have no sequence"),
+            "reply-late" | "reply-missing" => Some("the unit has no commands"),
+            "wrong-length" if !is_can => Some("its frames have no length field that is described"),
+            "wrong-identifier" if !is_can => Some("its frames have no type"),
+            _ => None,
+        }
+    }
+}
