@@ -6,9 +6,9 @@
 use geu_calibration::counts::{BreakKind, unusable};
 use geu_calibration::noise::RandomWalks;
 use geu_calibration::{GyroSet, PriorCalibration, Transfer};
+use geu_model::Configuration;
 use geu_model::package::Axes;
 use geu_model::units::SAMPLE_INTERVAL_S;
-use geu_model::Configuration;
 use geu_protocol::continuity::{Continuity, MAX_MISSING, SequenceStep};
 use geu_protocol::{Gyro, Sample};
 use geu_recording::{ReceivedSample, ReferenceAttitude};
@@ -268,8 +268,8 @@ fn together(walks: &[RandomWalks; 4]) -> RandomWalks {
 
 #[cfg(test)]
 mod tests {
-    use geu_model::{GyroUnit, Truth};
     use geu_model::attitude::{AttitudeRow, RecordedAttitude};
+    use geu_model::{GyroUnit, Truth};
     use geu_protocol::capture::Timestamp;
 
     use super::*;

@@ -117,10 +117,11 @@ pub(super) fn open(
     let symlink = Arc::new(Symlink::create(path, &terminal.slave.0)?);
 
     let info = LinkInfo::new(model, format!("pty {}", path.display()));
-    let byte_ns = f64::from(BITS_PER_BYTE) * 1e9 / f64::from(DEFAULT_BAUD) / speedup;
+    let byte_ns =
+        f64::from(BITS_PER_BYTE) * 1e9 / f64::from(info.model.encoding.baud().unwrap_or(DEFAULT_BAUD)) / speedup;
     let own_symlink = symlink.clone();
     let count_unread = move || Slave(own_symlink.target()).count_unread();
-    let sender = StreamSender::new(None, byte_ns, info.statistics.clone(), Some(Box::new(count_unread)));
+    let sender = StreamSender::new(None, byte_ns, &info, Some(Box::new(count_unread)));
     let inotify = Inotify::init(InitFlags::IN_NONBLOCK | InitFlags::IN_CLOEXEC).map_err(fail)?;
     let inotify = Watched::new(inotify).map_err(|error| LinkError::Pty(path.display().to_string(), error))?;
     let commands = CommandServer { unit: unit.clone(), info: info.clone() };

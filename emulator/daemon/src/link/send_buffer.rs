@@ -9,12 +9,11 @@ use geu_protocol::serial::MAX_FRAME;
 use nix::errno::Errno;
 use nix::unistd;
 
+use super::interface::LinkInfo;
 use super::statistics::{LinkStatistics, Sending};
 use crate::cadence::now_ns;
 use geu_recorder::link_model::{TransmitQueue, WireData};
 
-/// Maximum number of waiting bytes of samples, with the next one.
-const DATA_CAPACITY: usize = 2 * MAX_FRAME;
 /// Maximum number of waiting bytes of replies: beyond, no commands are read for a while, then replies are dropped.
 const REPLY_CAPACITY: usize = 512;
 /// Maximum length of a response: a reply and the polled sample.
@@ -55,6 +54,9 @@ pub(super) struct SendBuffer {
     pub drops_replies: bool,
     /// Last count of unread bytes, and the value of `written` then.
     pub unread: (u64, u64),
+    /// Length of a sample without faults, and maximum number of waiting bytes of samples with the next one.
+    sample_bytes: usize,
+    capacity: usize,
     statistics: Arc<LinkStatistics>,
 }
 
@@ -76,8 +78,10 @@ pub(super) enum Next {
 }
 
 impl SendBuffer {
-    pub fn new(port: Option<Port>, byte_ns: f64, statistics: Arc<LinkStatistics>) -> SendBuffer {
-        SendBuffer { port, byte_ns, statistics, ..SendBuffer::default() }
+    pub fn new(port: Option<Port>, byte_ns: f64, info: &LinkInfo) -> SendBuffer {
+        let (sample_bytes, samples) = info.model.encoding.sample_bytes();
+        let (capacity, statistics) = ((samples + 1) * sample_bytes, info.statistics.clone());
+        SendBuffer { port, byte_ns, sample_bytes, capacity, statistics, ..SendBuffer::default() }
     }
 
     /// Writes the data that is due.
@@ -160,7 +164,7 @@ impl SendBuffer {
     /// the rest of a frame needs none.
     pub fn accepts_data(&self, length: usize) -> bool {
         let data = self.pending.len() - self.replies + self.waiting(false);
-        self.begun == Some(false) || data + length.min(MAX_FRAME) <= DATA_CAPACITY
+        self.begun == Some(false) || data + length.min(self.sample_bytes) <= self.capacity
     }
 
     pub fn accepts_reply(&self) -> bool {
@@ -191,6 +195,8 @@ impl SendBuffer {
             free_ns: self.free_ns,
             is_stalled: self.is_stalled,
             unread: self.unread,
+            sample_bytes: self.sample_bytes,
+            capacity: self.capacity,
             statistics: self.statistics.clone(),
             ..SendBuffer::default()
         };

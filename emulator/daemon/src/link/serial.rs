@@ -37,7 +37,7 @@ pub(super) fn open(address: &SerialAddress, model: LinkModel, unit: &Arc<SharedU
     let address = &SerialAddress { baud: model.encoding.baud(), ..address.clone() };
     let opened = address.open().map_err(|error| LinkError::Serial(address.device.clone(), error))?;
     let info = LinkInfo::new(model, format!("serial {} {}", address.device, address.baud.unwrap_or(DEFAULT_BAUD)));
-    let sender = StreamSender::new(None, 0.0, info.statistics.clone(), None);
+    let sender = StreamSender::new(None, 0.0, &info, None);
     let commands = CommandServer { unit: unit.clone(), info: info.clone() };
     let senders = Senders::one(&sender);
     tokio::spawn(serve(opened, address.clone(), sender, commands));

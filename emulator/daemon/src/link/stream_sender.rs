@@ -11,7 +11,6 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use geu_protocol::serial::MAX_FRAME;
 use tokio::io::unix::AsyncFd;
 use tokio::sync::Notify;
 use tokio::time::timeout;
@@ -28,8 +27,8 @@ use geu_recorder::link_model::{Transmission, WireData};
 const UNREAD_TIMEOUT: Duration = Duration::from_millis(200);
 /// Interval of checks for free capacity.
 const POLL_INTERVAL: Duration = Duration::from_micros(100);
-/// Maximum number of unread bytes in a pty: the buffer of the line discipline of a real port, less a frame.
-const MAX_UNREAD: u64 = 4095 - MAX_FRAME as u64;
+/// Buffer of the line discipline of a real port: maximum number of unread bytes in a pty, with the next sample.
+const MAX_UNREAD: u64 = 4095;
 
 /// A link of byte streams, with a sender for each client.
 pub(super) struct StreamLink {
@@ -94,6 +93,8 @@ pub(super) struct StreamSender {
     later: Notify,
     statistics: Arc<LinkStatistics>,
     count_unread: Option<CountUnread>,
+    /// Maximum number of bytes in the kernel that the client has not read.
+    max_unread: u64,
     /// The client has shut down its side, and perhaps is gone.
     pub has_ended: AtomicBool,
 }
@@ -102,15 +103,17 @@ impl StreamSender {
     pub fn new(
         port: Option<Port>,
         byte_ns: f64,
-        statistics: Arc<LinkStatistics>,
+        info: &LinkInfo,
         count_unread: Option<CountUnread>,
     ) -> Arc<StreamSender> {
+        let (sample_bytes, _) = info.model.encoding.sample_bytes();
         Arc::new(StreamSender {
-            state: Mutex::new(SendBuffer::new(port, byte_ns, statistics.clone())),
+            state: Mutex::new(SendBuffer::new(port, byte_ns, info)),
+            max_unread: MAX_UNREAD.saturating_sub(sample_bytes as u64),
             wake: Notify::new(),
             left: Notify::new(),
             later: Notify::new(),
-            statistics,
+            statistics: info.statistics.clone(),
             count_unread,
             has_ended: AtomicBool::new(false),
         })
@@ -156,11 +159,11 @@ impl StreamSender {
         let (mut unread, mut counted_at) = state.unread;
         let written = state.written;
         drop(state);
-        if unread + (written - counted_at) > MAX_UNREAD {
+        if unread + (written - counted_at) > self.max_unread {
             (unread, counted_at) = (count_unread(), written);
             self.lock().unread = (unread, counted_at);
         }
-        unread > MAX_UNREAD
+        unread > self.max_unread
     }
 
     /// Sends a sample, completely or not at all.

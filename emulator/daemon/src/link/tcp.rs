@@ -144,7 +144,7 @@ impl Server {
             gone.ok_or_else(|| format!("{MAX_CLIENTS} clients are served"))?.close();
         }
         let port = prepare(stream, self.is_faster).map_err(|error| error.to_string())?;
-        let client = StreamSender::new(Some(port.clone()), 0.0, self.commands.info.statistics.clone(), None);
+        let client = StreamSender::new(Some(port.clone()), 0.0, &self.commands.info, None);
         self.clients.lock().push(client.clone());
         self.commands.info.statistics.clients.fetch_add(1, Relaxed);
         let server = self.clone();

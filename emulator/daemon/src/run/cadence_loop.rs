@@ -17,9 +17,7 @@ use crate::lateness::DurationNs;
 use crate::recorder_thread::Status;
 use crate::shared_unit::SharedUnit;
 use crate::truth::SampleReport;
-
-/// Lateness up to which samples are sent, if it is longer than their interval.
-const CATCH_UP_NS: i64 = 100_000_000;
+use geu_recorder::link_model::CATCH_UP_NS;
 
 pub(super) struct CadenceLoop {
     links: TimedLinks,

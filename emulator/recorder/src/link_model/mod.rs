@@ -12,5 +12,5 @@ mod transmit_queue;
 pub(crate) use fault::ActiveLinkFault;
 pub use fault::changes_replies;
 pub use model::LinkModel;
-pub use transmission::{Encoding, Transmission, WireData};
+pub use transmission::{CATCH_UP_NS, Encoding, Transmission, WireData};
 pub use transmit_queue::TransmitQueue;

@@ -5,8 +5,12 @@ use std::sync::Arc;
 use geu_model::CompletedSample;
 use geu_model::device::Device;
 use geu_protocol::command::hex;
-use geu_protocol::serial::{FrameType, data_frame, frame};
+use geu_protocol::layout::Frame;
+use geu_protocol::serial::{FrameType, MAX_FRAME, data_frame, frame};
 use geu_protocol::{CanFrame, CanIdMap, Reply};
+
+/// Lateness up to which samples are sent, if it is longer than their interval.
+pub const CATCH_UP_NS: i64 = 100_000_000;
 
 /// Encoding of the messages of a link.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,6 +48,14 @@ impl Encoding {
             Encoding::DescribedSerial { device, .. } | Encoding::DescribedCan(device) => Some(device),
             Encoding::Serial { .. } | Encoding::Can(_) => None,
         }
+    }
+
+    /// Bytes of the frames of a sample in a stream, and the samples of [`CATCH_UP_NS`], at least one.
+    pub fn sample_bytes(&self) -> (usize, usize) {
+        let Some(device) = self.device() else { return (MAX_FRAME, 1) };
+        let frames = device.frames(false).map_or(&[][..], |set| &set.frames);
+        let length = frames.iter().filter(|frame| frame.instead_of.is_none()).map(Frame::length).sum();
+        (length, (CATCH_UP_NS / device.interval_ns().max(1)).max(1) as usize)
     }
 
     pub(crate) fn sample(&self, sample: &CompletedSample) -> Vec<WireData> {
