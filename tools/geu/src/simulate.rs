@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering::Relaxed;
 
 use clap::Args;
 use geu_files::interruption::stop_flag;
-use geu_model::attitude::AttitudeProfile;
+use geu_model::attitude::{AttitudeProfile, length_s};
 use geu_model::configuration::LinkLogFormat;
 use geu_model::device::Device;
 use geu_model::{Configuration, Truth};
@@ -70,6 +70,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let Some((out, destination)) = out else { return draw_figures() };
     let recorded_s = Some(configuration.run.duration_s).filter(|&duration_s| duration_s > 0.0);
     let scenario_s = || match ready.truth {
+        Truth::Scenario if !configuration.motion.is_empty() => Some(length_s(&configuration.motion)),
         Truth::Scenario => AttitudeProfile::length_s(&configuration.scenario),
         Truth::Recorded(_) | Truth::Stepped(_) => None,
     };

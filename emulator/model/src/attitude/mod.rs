@@ -4,6 +4,7 @@
 //! perpendicular to the sun vector (Casteren §1, figure 4). A manoeuvre becomes [`Segment`]s of constant acceleration;
 //! [`Motion`] integrates the inertial rates over any interval.
 
+mod body_rates;
 mod manoeuvre;
 mod motion;
 mod profile;
@@ -12,6 +13,7 @@ mod streamed;
 mod sun;
 mod truth_numbers;
 
+pub use body_rates::{RateSegment, length_s};
 pub use manoeuvre::{Manoeuvre, Scenario};
 pub use motion::{LimitCycle, Motion, MotionState, MotionStep};
 pub use profile::{AttitudeProfile, InfeasibleManoeuvre, Leg};

@@ -9,6 +9,7 @@
 use std::sync::Arc;
 
 use super::Segment;
+use super::body_rates::{RateMotion, RateSegment};
 use super::profile::{AttitudeProfile, Leg};
 use super::recorded::RecordedAttitude;
 use super::streamed::{self, StreamedAttitude};
@@ -69,6 +70,7 @@ pub struct Motion {
 #[derive(Debug, Clone)]
 enum Source {
     Scenario(Box<ScenarioMotion>),
+    Rates(Box<RateMotion>),
     Recorded {
         rows: Arc<RecordedAttitude>,
         near: usize,
@@ -110,6 +112,13 @@ impl Motion {
         Motion { now: scenario.moment(-before_s), source: Source::Scenario(Box::new(scenario)) }
     }
 
+    /// At the start of a motion of prescribed rates, or at rest before it.
+    pub fn of_rates(segments: &[RateSegment], seed: u64, t_s: f64) -> Motion {
+        let mut rates = RateMotion::new(segments, seed);
+        let (_, now) = rates.advance(t_s);
+        Motion { source: Source::Rates(Box::new(rates)), now }
+    }
+
     /// At `t_s` of a recorded truth; at rest before its start and after its end.
     pub fn recorded(rows: Arc<RecordedAttitude>, t_s: f64) -> Motion {
         let mut near = 0;
@@ -136,6 +145,10 @@ impl Motion {
             Source::Scenario(scenario) => {
                 step.angle_control_arcsec = scenario.advance(start.t_s, end_s);
                 self.now = scenario.moment(end_s);
+                step.end = self.now;
+            }
+            Source::Rates(rates) => {
+                (step.angle_control_arcsec, self.now) = rates.advance(end_s);
                 step.end = self.now;
             }
             Source::Recorded { rows, near, angle_control_arcsec } => {
@@ -168,6 +181,7 @@ impl Motion {
     pub fn knows_sun(&self) -> bool {
         match &self.source {
             Source::Scenario(_) => true,
+            Source::Rates(_) => false,
             Source::Recorded { rows, .. } => rows.knows_sun(),
             Source::Stepped { sun, .. } => sun.is_some(),
         }
@@ -177,7 +191,7 @@ impl Motion {
     pub fn unavailable(&self) -> &'static [&'static str] {
         let has_sun = match &self.source {
             Source::Stepped { truth, .. } => truth.has_sun(),
-            Source::Scenario(_) | Source::Recorded { .. } => self.knows_sun(),
+            Source::Scenario(_) | Source::Rates(_) | Source::Recorded { .. } => self.knows_sun(),
         };
         if has_sun { &[] } else { &["theta_deg", "psi_deg"] }
     }
@@ -189,6 +203,7 @@ impl Motion {
     pub fn departure_control_arcsec(&self) -> [f64; 2] {
         match &self.source {
             Source::Scenario(scenario) => scenario.limit_cycle.departure_control_arcsec(self.now.t_s),
+            Source::Rates(_) => [0.0; 2],
             Source::Recorded { rows, near, .. } => rows.departure_control_arcsec(self.now.t_s, *near),
             Source::Stepped { sun, .. } => sun.map_or([0.0; 2], |sun| sun.departure_control_arcsec),
         }
@@ -199,7 +214,7 @@ impl Motion {
     pub fn take_legs(&mut self) -> Vec<Leg> {
         match &mut self.source {
             Source::Scenario(scenario) => scenario.plan.take_legs(),
-            Source::Recorded { .. } | Source::Stepped { .. } => Vec::new(),
+            Source::Rates(_) | Source::Recorded { .. } | Source::Stepped { .. } => Vec::new(),
         }
     }
 }

@@ -22,7 +22,7 @@ pub use document::{ConfigText, ConfigurationError, Node};
 pub use run::{EndedEarly, LinkLogFormat, RecordedCommand, RunRecord};
 use tree::{PSI, THETA};
 
-use crate::attitude::{LimitCycle, Scenario, TruthNumbers};
+use crate::attitude::{LimitCycle, RateSegment, Scenario, TruthNumbers};
 use crate::device::Device;
 use crate::effect::discovered::{self, Term};
 use crate::effect::{
@@ -63,6 +63,8 @@ pub struct Configuration {
     pub gyros: Vec<GyroConfiguration>,
     pub sensors: SensorNumbers,
     pub scenario: Scenario,
+    /// Prescribed rates, which replace the scenario.
+    pub motion: Vec<RateSegment>,
     /// Parameters of an external truth, which replaces the scenario.
     pub truth: TruthNumbers,
     pub faults: Vec<Fault>,
@@ -211,6 +213,7 @@ impl Configuration {
                 limit_cycle: LimitCycle::default(),
                 manoeuvres: Vec::new(),
             },
+            motion: Vec::new(),
             truth: TruthNumbers::default(),
             faults: Vec::new(),
             expectations: Vec::new(),

@@ -5,7 +5,7 @@ use serde_json::{Map, Value as Json, json};
 use super::document::{Node, Read};
 use super::tree::{Part, comment, describe, line, one, present};
 use super::{schema, unix_ns};
-use crate::attitude::{AttitudeProfile, Manoeuvre, Scenario, TruthNumbers};
+use crate::attitude::{AttitudeProfile, Manoeuvre, RateSegment, Scenario, TruthNumbers};
 use crate::parameter_spec::{DefaultValue, ParameterSet, ParameterSpec, REAL, ValueFormat, number};
 use crate::temperature::Electronics;
 
@@ -102,6 +102,39 @@ impl Part for &mut Vec<Manoeuvre> {
             schema
         });
         one(key, json!({ "type": "array", "items": { "oneOf": kinds.collect::<Vec<_>>() } }))
+    }
+}
+
+/// Prescribed rates.
+impl Part for &mut Vec<RateSegment> {
+    fn read(&mut self, node: &Node, key: &str) -> Read<()> {
+        for node in node.tables(key)? {
+            let mut segment = RateSegment::default();
+            node.fill(&mut segment, |_| true, &[])?;
+            self.push(segment);
+        }
+        Ok(())
+    }
+
+    fn show(&self, key: &str, complete: bool, text: &mut String) {
+        if complete {
+            line!(
+                text,
+                "\n# Prescribed rates about the control axes, [[{key}]], in place of scenario and manoeuvres. Numbers of each:"
+            );
+            describe(text, RateSegment::NUMBERS);
+        }
+        for segment in self.iter() {
+            line!(text, "\n[[{key}]]");
+            for (number, value) in present(segment).filter(|(number, value)| number.default.initial() != *value) {
+                line!(text, "{} = {value:?}", number.name);
+            }
+        }
+    }
+
+    fn schema(&self, key: &str) -> Map<String, Json> {
+        let segment = schema::table(&RateSegment::default(), &|_| true);
+        one(key, json!({ "type": "array", "items": segment }))
     }
 }
 

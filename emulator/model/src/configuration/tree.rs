@@ -93,6 +93,7 @@ impl Configuration {
                 ],
             ),
             part("manoeuvre", &mut scenario.manoeuvres),
+            part("motion", &mut self.motion),
             part("truth", &mut self.truth),
             table(
                 "temperature",

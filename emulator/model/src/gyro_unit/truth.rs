@@ -12,7 +12,7 @@ const GRAIN: f64 = 1e-6;
 
 #[derive(Debug, Clone, Default)]
 pub enum Truth {
-    /// The configuration's scenario.
+    /// The configuration's scenario, or its prescribed rates.
     #[default]
     Scenario,
     /// Rows of a file; their time 0 is the start of the first sample interval.
@@ -26,6 +26,9 @@ impl Truth {
     /// and begins there.
     pub fn motion(&self, configuration: &Configuration, t_s: f64) -> Motion {
         match self {
+            Truth::Scenario if !configuration.motion.is_empty() => {
+                Motion::of_rates(&configuration.motion, configuration.seed, t_s)
+            }
             Truth::Scenario => {
                 let scenario = &configuration.scenario;
                 let plan =
