@@ -7,6 +7,7 @@ mod calibrate_page;
 mod control;
 mod decode;
 mod decode_live;
+mod device_run;
 mod devices;
 mod diagnose;
 mod diagnose_effects;

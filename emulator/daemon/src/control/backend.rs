@@ -6,6 +6,8 @@ use std::sync::Arc;
 use serde_json::{Map, Value};
 use tokio::sync::broadcast;
 
+use super::protocol_json;
+
 /// An event of `/api/events`.
 #[derive(Debug, Clone)]
 pub struct SseEvent {
@@ -21,6 +23,10 @@ pub trait ControlBackend: Send + Sync + 'static {
     fn status(&self) -> Value;
     /// Parameters, faults and commands, with at least `parameters`. Constant during a run.
     fn catalogue(&self) -> Value;
+    /// Fields of the frames of a sample. Constant during a run.
+    fn layout(&self) -> Value {
+        protocol_json::layout()
+    }
     /// All faults: armed, active and over.
     fn faults(&self) -> Value;
     /// Adds a fault, written as in a configuration's `[[fault]]`, or all faults of a `plan`; or starts an

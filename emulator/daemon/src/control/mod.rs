@@ -22,7 +22,7 @@ mod unique;
 mod watch;
 
 pub use backend::{ControlBackend, SseEvent};
-pub use protocol_json::{commands, reply, sample};
+pub use protocol_json::{commands, layout, layout_of, reply, sample};
 pub use server::{ControlError, ControlListener, Server};
 
 /// Default address of the control interface.

@@ -1,7 +1,9 @@
 //! The protocol's tables as JSON: commands, replies, and the fields of frames.
 
+use geu_model::device::Device;
 use geu_protocol::command::{self, COMMANDS, CommandSpec};
 use geu_protocol::field::{CRC, FieldSpec, WireType};
+use geu_protocol::layout::{Coding, Field, Frame};
 use geu_protocol::message::{Data, MESSAGES, Message, MessageId};
 use geu_protocol::{Reply, Sample};
 use serde_json::{Map, Value, json};
@@ -61,7 +63,7 @@ const fn header(name: &'static str, wire: WireType, meaning: &'static str) -> Fi
 }
 
 /// Fields of the frames of a sample.
-pub(super) fn layout() -> Value {
+pub fn layout() -> Value {
     let can = MESSAGES.iter().filter_map(|message| match message.id {
         MessageId::Can(offset) => Some(json!({ "name": message.name, "offset": offset, "meaning": message.meaning,
             "fields": fields(message.fields) })),
@@ -69,6 +71,50 @@ pub(super) fn layout() -> Value {
     });
     let serial = fields(HEADER.iter().chain(Data::SPEC.fields).chain([&CRC]));
     json!({ "serial": serial, "can": can.collect::<Value>() })
+}
+
+/// Fields of the frames of a described unit: whole numbers of whole bytes with their values, any others as digits.
+pub fn layout_of(device: &Device) -> Value {
+    let of_link = |is_can: bool| device.frames(is_can).map_or(&[][..], |set| &set.frames);
+    let mut start = 0;
+    let serial = of_link(false).iter().filter(|frame| frame.instead_of.is_none()).flat_map(|frame| {
+        let fields = described(device, frame, start);
+        start += frame.length();
+        fields
+    });
+    let serial: Value = serial.collect();
+    let can = array(
+        of_link(true),
+        |frame| json!({ "name": frame.name, "meaning": "", "fields": described(device, frame, 0) }),
+    );
+    json!({ "serial": serial, "can": can })
+}
+
+fn described(device: &Device, frame: &Frame, start: usize) -> Vec<Value> {
+    let (mut fields, mut at) = (Vec::new(), 0);
+    while at < frame.length() {
+        let begins = |field: &&Field| field.place.at == at;
+        let is_number =
+            |field: &&Field| field.place.bits as usize == 8 * field.place.length && field.place.coding != Coding::Float;
+        let number = frame.fields.iter().find(|field| begins(field) && is_number(field));
+        let (length, field) = match number {
+            Some(field) => (field.place.length, Some(field)),
+            None => {
+                let is_next = |at: &usize| !frame.fields.iter().any(|field| field.place.at == *at && is_number(&field));
+                ((at + 1..frame.length()).take_while(is_next).count() + 1, None)
+            }
+        };
+        let (scale, _, offset) = field.map_or((1.0, 1.0, 0.0), Field::scaling);
+        fields.push(json!({
+            "name": field.map_or("", |field| &device.values()[field.slot].name), "at": start + at, "length": length,
+            "form": if field.is_some() { "number" } else { "digits" }, "unit": "", "bits": [], "meaning": frame.name,
+            "signed": field.is_some_and(|field| field.place.coding == Coding::Signed),
+            "scale": field.map_or(scale, Field::scale), "offset": offset,
+            "little_endian": field.is_some_and(|field| field.place.is_little_endian()),
+        }));
+        at += length;
+    }
+    fields
 }
 
 fn fields<'a>(specs: impl IntoIterator<Item = &'a FieldSpec>) -> Value {

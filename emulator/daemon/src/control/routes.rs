@@ -23,7 +23,7 @@ use super::guard::Guard;
 use super::request::{MAX_BODY, bad_request, object, payload, read_body};
 use super::route::ResponseSpec::{Json, Text};
 use super::watch::{self, RateLimit};
-use super::{openapi, page, protocol_json};
+use super::{openapi, page};
 
 /// Maximum number of event streams; the remaining connections are for requests.
 pub(super) const STREAMS: usize = 16;
@@ -85,7 +85,7 @@ pub(super) fn table() -> Vec<Route> {
         read("/api/parameters", "Parameters that a fault can change", "Parameters", |backend| {
             backend.catalogue()["parameters"].take()
         }),
-        read("/api/layout", "Fields of the frames of a sample", "Layout", |_| protocol_json::layout()),
+        read("/api/layout", "Fields of the frames of a sample", "Layout", |backend| backend.layout()),
         Route::new(get.clone(), "/api/faults", "All faults: armed, active, over", Json(200, "Faults"), faults),
         Route::new(
             Method::POST,

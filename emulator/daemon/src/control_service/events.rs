@@ -81,9 +81,10 @@ impl Observer for EventPublisher {
                 }
                 self.samples += 1;
                 let true_arcsec: Vec<f64> = traces.iter().map(|trace| trace.true_arcsec).collect();
-                let increments = ended.outputs.counts[..true_arcsec.len()].to_vec();
+                let heads = self.device.heads.iter().zip(ended.outputs.counts);
+                let increments: Vec<f64> = heads.map(|(head, counts)| counts * head.count_arcsec).collect();
                 for (gyro, departure) in self.departure_arcsec.iter_mut().enumerate() {
-                    *departure += increments[gyro] * self.device.heads[gyro].count_arcsec - true_arcsec[gyro];
+                    *departure += increments[gyro] - true_arcsec[gyro];
                 }
                 let spacing = (HISTORY_INTERVAL_S / self.device.interval_s).round().max(1.0) as u64;
                 let is_published = self.published.is_some_and(|published| published.elapsed() < PACE);
@@ -96,7 +97,7 @@ impl Observer for EventPublisher {
                     increments,
                     true_arcsec,
                     departure_arcsec: self.departure_arcsec.clone(),
-                    gyro_flags: ended.sample.gyro_flags,
+                    gyro_flags: if self.device.is_iras() { ended.sample.gyro_flags } else { ended.outputs.valid },
                 };
                 if self.samples.is_multiple_of(spacing) {
                     self.service.history.push(&mut self.waiting, history.clone());

@@ -20,6 +20,7 @@ pub(super) struct HistorySample {
     /// Number of samples that had ended, including this one.
     #[serde(rename = "half_second")]
     pub sample: u64,
+    /// Outputs as angles, arcsec.
     #[serde(serialize_with = "whole")]
     pub increments: Vec<f64>,
     pub true_arcsec: Vec<f64>,

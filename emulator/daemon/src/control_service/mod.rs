@@ -193,6 +193,11 @@ impl ControlBackend for ControlService {
         catalogue::catalogue(&self.source().unit.device)
     }
 
+    fn layout(&self) -> Value {
+        let device = &self.source().unit.device;
+        if device.is_iras() { control::layout() } else { control::layout_of(device) }
+    }
+
     fn faults(&self) -> Value {
         self.source().faults()
     }

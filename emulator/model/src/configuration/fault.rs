@@ -37,8 +37,8 @@ numbers! {
         probability: 1.0, 1e-9..=1.0, "";
         /// waits to be started by somebody at the bench
         by_hand: 0.0, 0.0..=1.0, "", Flag;
-        /// how long it acts; without end where not named
-        for_s: absent, 0.5..=LATEST_S, "s";
+        /// how long it acts, one sample at least; without end where not named
+        for_s: absent, 1e-5..=LATEST_S, "s";
         /// ends then at the latest, a parameter returns from then on; starts no more
         until_s: absent, 0.0..=LATEST_S, "s";
         /// a parameter returns over so long at the end
@@ -54,9 +54,9 @@ numbers! {
         /// not before this on-board time
         at_s: 0.0, 0.0..=LATEST_S, "s";
         /// must hold at least once within so long
-        within_s: absent, 0.5..=LATEST_S, "s";
+        within_s: absent, 1e-5..=LATEST_S, "s";
         /// must hold all the time for so long
-        throughout_s: absent, 0.5..=LATEST_S, "s";
+        throughout_s: absent, 1e-5..=LATEST_S, "s";
     }
 }
 
@@ -197,6 +197,14 @@ fn read_fault(node: &Node, identifiers: &mut Identifiers, links: &[Transport]) -
             None
         };
         let link = if spec.scope == Scope::Link { read_link(node, spec)? } else { None };
+        let kinds = link.map_or_else(|| spec.links(), |link| vec![link]);
+        let reasons = kinds.iter().map(|kind| node.device().unable(spec.code, *kind == Transport::Can));
+        let reasons: Option<Vec<&str>> = reasons.collect();
+        if let Some(reason) = reasons.as_ref().filter(|_| spec.scope == Scope::Link).and_then(|reasons| reasons.first())
+        {
+            let key = if link.is_some() { "link" } else { "fault" };
+            return Err(node.unexpected(key, &format!("what this unit can have: {reason};")));
+        }
         // A fault that no link supports is rejected with its link.
         let links = link.as_ref().map_or(links, std::slice::from_ref);
         if let Some((number, expected)) = spec.neutral(&values, gyro).or_else(|| spec.misfit(&values, links)) {

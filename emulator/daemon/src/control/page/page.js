@@ -136,9 +136,9 @@ function take(lines) {
 }
 
 function start([catalogue, layout, status]) {
-  const flagBits = layout.serial.find((field) => field.name === "gyro_flags").bits;
+  const flagBits = layout.serial.find((field) => field.name === "gyro_flags")?.bits ?? [];
   const validBits = catalogue.gyros.map(
-    (gyro) => flagBits.find(({ name }) => name === `${gyro.toLowerCase()}_valid`).bit,
+    (gyro, index) => flagBits.find(({ name }) => name === `${gyro.toLowerCase()}_valid`)?.bit ?? index,
   );
   const gyros = charts(catalogue.gyros, validBits),
     frames = wire(layout),

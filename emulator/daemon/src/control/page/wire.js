@@ -87,7 +87,8 @@ export function wire(layout) {
       for (const { field, bytes: place, value } of cells) {
         const own = bytes.slice(field.at, field.at + field.length);
         place.textContent = own.join(" ");
-        const said = own.length === field.length ? meaning(field, own.join("")) : "–";
+        const digits = field.little_endian ? own.toReversed() : own;
+        const said = own.length === field.length ? meaning(field, digits.join("")) : "–";
         if (value.textContent !== said) value.replaceChildren(...breakable(said));
       }
     });
@@ -112,5 +113,5 @@ function meaning(field, hex) {
   }
   if (field.signed && number >= 2 ** (8 * field.length - 1)) number -= 2 ** (8 * field.length);
   const decimals = Math.max(0, -Math.floor(Math.log10(field.scale)));
-  return `${(number * field.scale).toFixed(decimals).replace("-", "−")} ${field.unit.replace("degC", "°C")}`.trim();
+  return `${(number * field.scale + (field.offset ?? 0)).toFixed(decimals).replace("-", "−")} ${field.unit.replace("degC", "°C")}`.trim();
 }
