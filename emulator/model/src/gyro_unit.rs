@@ -39,8 +39,6 @@ const SUB_STEP_S: f64 = 0.1;
 const FS: f64 = 1e15;
 /// Spin-up of a gyro.
 const SPIN_UP_S: f64 = 60.0;
-/// The nominal unit clock, Hz.
-const CLOCK_HZ: f64 = 1e6;
 
 /// Outputs of the heads over a sample interval, of any unit.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -307,7 +305,7 @@ impl GyroUnit {
             *counts = clipped;
         }
         self.sequence = self.sequence.wrapping_add(1);
-        self.clock_count = (self.clock_count + (device.interval_s * CLOCK_HZ).round() as u64) % CLOCK_MODULUS;
+        self.clock_count = (self.clock_count + (device.interval_s * device.clock_hz).round() as u64) % CLOCK_MODULUS;
         outputs.number = self.sequence;
         sample.sequence = self.sequence as u16;
         sample.clock_count = self.clock_count;

@@ -32,6 +32,8 @@ pub use serial::SerialWire;
 
 /// Largest number of heads.
 pub const MAX_HEADS: usize = 8;
+/// Rate of the clock of the default unit, and of one that a description does not state.
+const CLOCK_HZ: f64 = 1e6;
 /// Deviation of a product of unit vectors from 0 up to which they are perpendicular.
 const PERPENDICULAR: f64 = 1e-6;
 
@@ -84,6 +86,8 @@ pub struct Device {
     pub output: Output,
     /// Largest rate, arcsec/s; outputs beyond it are clipped.
     pub range_arcsec_s: f64,
+    /// Rate of the unit's clock.
+    pub clock_hz: f64,
     pub heads: Vec<Head>,
     /// The link of the default unit is not described: it has a codec of its own.
     pub serial: Option<SerialWire>,
@@ -149,6 +153,7 @@ impl Device {
                 interval_s: SAMPLE_INTERVAL_S,
                 output: Output::Increment,
                 range_arcsec_s: FULL_SCALE_ARCSEC_S,
+                clock_hz: CLOCK_HZ,
                 heads: Gyro::ALL.map(head).to_vec(),
                 serial: None,
                 can: None,
@@ -215,7 +220,7 @@ impl Device {
         root.only(&["device"])?;
         let node = root.table("device")?;
         let node = node.ok_or_else(|| root.error("device", "expected a table [device], got none".to_owned()))?;
-        node.only(&["name", "source", "interval_s", "output", "range_arcsec_s", "head", "serial", "can"])?;
+        node.only(&["name", "source", "interval_s", "output", "range_arcsec_s", "clock_hz", "head", "serial", "can"])?;
         let heads = node.tables("head")?;
         let heads = heads.iter().zip(0..=u8::MAX);
         let heads = heads.map(|(node, index)| head(node, index)).collect::<Result<Vec<_>, _>>()?;
@@ -247,6 +252,10 @@ impl Device {
             interval_s: positive(&node, "interval_s", 1e-5, 1e4)?,
             output,
             range_arcsec_s: positive(&node, "range_arcsec_s", 1e-3, 1e9)?,
+            clock_hz: match node.keys().contains(&"clock_hz") {
+                true => positive(&node, "clock_hz", 1e-3, 1e9)?,
+                false => CLOCK_HZ,
+            },
             heads,
             serial: None,
             can: None,

@@ -1,7 +1,7 @@
 //! A sample of a unit on its links: the values that its fields carry, and its frames.
 
 use geu_protocol::field::{UNIT_FLAGS, unit_flag};
-use geu_protocol::layout::{FrameSet, Quantity, ValueSpec};
+use geu_protocol::layout::{Field, FrameSet, Quantity, ValueSpec};
 
 use super::Device;
 use crate::gyro_unit::CompletedSample;
@@ -46,7 +46,12 @@ impl Device {
                 let (modulus, step) = set.sequence;
                 (outputs.number.wrapping_mul(step) % modulus) as f64
             }
-            Quantity::ClockCount => sample.clock_count as f64,
+            Quantity::ClockCount => {
+                let is_it = |field: &&Field| set.values[field.slot].quantity == Quantity::ClockCount;
+                let fields = set.frames.iter().flat_map(|frame| &frame.fields);
+                let bits = fields.filter(is_it).map(|field| field.place.bits).min().unwrap_or(48);
+                (sample.clock_count & (u64::MAX >> (64 - bits))) as f64
+            }
             Quantity::Latency => 0.0,
             Quantity::Electronics => f64::from(sample.electronics_centi_c) / 100.0,
             Quantity::Temperature(_) | Quantity::Sensor => f64::from(sample.sensor_centi_c) / 100.0,
