@@ -15,33 +15,22 @@ const WHOLE: u64 = 9_000_000_000_000_000;
 #[derive(Debug)]
 pub struct DeviceRows {
     format: TextFormat,
-    /// Text before each value: a comma, and in JSON the name.
-    keys: Vec<Vec<u8>>,
-    header: String,
+    names: Vec<String>,
     /// For recordings without receive times.
     interval_s: f64,
 }
 
 impl DeviceRows {
     pub fn new(format: TextFormat, values: &[ValueSpec], interval_s: f64) -> DeviceRows {
-        let key = |value: &ValueSpec| {
-            let mut key = vec![b','];
-            if format == TextFormat::Jsonl {
-                quote(&value.name, &mut key);
-                key.push(b':');
-            }
-            key
-        };
-        let header = match format {
-            TextFormat::Csv => values.iter().fold("t_s,number".to_owned(), |all, value| all + "," + &value.name) + "\n",
-            TextFormat::Jsonl => String::new(),
-        };
-        DeviceRows { format, keys: values.iter().map(key).collect(), header, interval_s }
+        DeviceRows { format, names: values.iter().map(|value| value.name.clone()).collect(), interval_s }
     }
 
     /// The header line.
     pub fn header(&self) -> String {
-        self.header.clone()
+        match self.format {
+            TextFormat::Csv => format!("t_s,number,{}\n", self.names.join(",")),
+            TextFormat::Jsonl => String::new(),
+        }
     }
 
     /// Appends a row with its line end. Without a receive time a sample has that of its number.
@@ -52,14 +41,13 @@ impl DeviceRows {
         write_seconds(row.time.unwrap_or_else(number), out);
         out.extend_from_slice(if is_json { b",\"number\":" } else { b"," });
         out.extend_from_slice(itoa::Buffer::new().format(row.number).as_bytes());
-        for (key, &value) in self.keys.iter().zip(&row.values) {
+        for (name, &value) in self.names.iter().zip(&row.values) {
+            out.push(b',');
             if is_json {
-                out.extend_from_slice(key)
-            } else {
-                out.push(b',')
+                quote(name, out);
+                out.push(b':');
             }
             match value as i64 {
-                digit @ 0..=9 if digit as f64 == value => out.push(b'0' + digit as u8),
                 // Most values are whole: no search for the shortest decimals.
                 whole if whole as f64 == value && whole.unsigned_abs() < WHOLE => {
                     out.extend_from_slice(itoa::Buffer::new().format(whole).as_bytes());
@@ -76,33 +64,25 @@ impl DeviceRows {
 fn write_real(value: f64, out: &mut Vec<u8>) {
     let (size, mut buffer) = (value.abs(), zmij::Buffer::new());
     let text = buffer.format_finite(size);
-    let parts = if size < EXPONENT_BELOW { text.split_once("e-") } else { None };
-    let (number, places) = parts.map_or((text, 0), |(number, places)| (number, places.parse().unwrap_or(0)));
-    if size >= WHOLE as f64 || (number.len() >= TIE_DIGITS && is_tie(size, number, places)) {
+    let (number, exponent) = text.split_once('e').unwrap_or((text, "0"));
+    let places = exponent.trim_start_matches('-').parse().unwrap_or(0);
+    if size >= WHOLE as f64 || (number.len() > 16 && is_tie(size, number, places)) {
         return write!(out, "{value}").expect("memory");
     }
-    if value < 0.0 {
-        out.push(b'-');
+    out.extend_from_slice(if value < 0.0 { b"-" } else { b"" });
+    if places > 0 {
+        write!(out, "0.{:0<1$}", "", places - 1).expect("memory");
+        out.extend(number.bytes().filter(u8::is_ascii_digit));
+    } else {
+        out.extend_from_slice(text.as_bytes());
     }
-    if places == 0 {
-        return out.extend_from_slice(text.as_bytes());
-    }
-    out.extend_from_slice(b"0.");
-    out.resize(out.len() + places - 1, b'0');
-    out.extend(number.bytes().filter(u8::is_ascii_digit));
 }
 
-/// Numbers below this have an exponent.
-const EXPONENT_BELOW: f64 = 1e-5;
-/// Fewest digits, of which one is less than 2^-52 of the number, and a point.
-const TIE_DIGITS: usize = 17;
-
 /// True if the value is in the middle between these decimals and others: `Display` takes the larger ones, `zmij` the even ones.
-/// The value's last bit then is one binary place below the last decimal place.
+/// The value's last bit then is one binary place below the last decimal place, and there are 16 digits or more.
 fn is_tie(size: f64, number: &str, places: usize) -> bool {
     let decimals = number.find('.').map_or(0, |point| number.len() - 1 - point) + places;
-    let (exponent, mantissa) = (size.to_bits() >> 52, size.to_bits() | 1 << 52);
-    decimals as u64 + 1 + exponent + u64::from(mantissa.trailing_zeros()) == 1075
+    decimals as u64 + 1 + (size.to_bits() >> 52) + u64::from((size.to_bits() | 1 << 52).trailing_zeros()) == 1075
 }
 
 #[cfg(test)]
