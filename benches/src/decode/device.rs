@@ -11,7 +11,8 @@ use geu_protocol::layout::{FrameSet, Quantity};
 use geu_recording::{DecoderOptions, Defect, DeviceDecoder, DeviceSample, InputReader, Sink, Stop};
 
 /// Units, each with its target: M lines/s on CAN, MB/s on a serial line.
-const UNITS: [(&str, f64); 3] = [("mm5.10", 5.0), ("stim300", 300.0), ("kvh-1750", 300.0)];
+const UNITS: [(&str, f64); 5] =
+    [("mm5.10", 5.0), ("stim300", 300.0), ("kvh-1750", 300.0), ("mti-100", 300.0), ("tetrad", 300.0)];
 
 /// An input of one unit.
 pub struct UnitInput {

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::plan::FieldPlan;
 use super::{Frame, FrameSet, Quantity};
 use crate::continuity::SequenceStep;
 
@@ -12,6 +13,7 @@ use crate::continuity::SequenceStep;
 #[derive(Debug, Clone)]
 pub struct Assembly {
     frames: Arc<FrameSet>,
+    plans: Vec<FieldPlan>,
     values: Vec<f64>,
     /// Frames that have come, a bit for each.
     seen: u64,
@@ -52,6 +54,7 @@ impl Assembly {
         let is_common = sequence.is_some_and(|(_, own)| own & sent == sent);
         Assembly {
             values: vec![f64::NAN; frames.values.len()],
+            plans: frames.frames.iter().map(|frame| FieldPlan::new(&frame.fields, frame.length())).collect(),
             frames,
             seen: 0,
             every,
@@ -74,10 +77,11 @@ impl Assembly {
         self.seen & self.every == self.every
     }
 
-    /// Number of the sequence in a frame, if it has one.
-    fn number(&self, kind: usize, bytes: &[u8]) -> Option<f64> {
-        let (slot, _) = self.sequence.filter(|(_, own)| own & 1 << kind != 0)?;
-        self.frames.frames[kind].fields.iter().find(|field| field.slot == slot).map(|field| field.read(bytes))
+    /// True if a frame has the sequence, with another number than the sample.
+    fn is_other(&self, kind: usize, bytes: &[u8]) -> bool {
+        let Some((slot, _)) = self.sequence.filter(|(_, own)| own & 1 << kind != 0) else { return false };
+        let field = self.frames.frames[kind].fields.iter().find(|field| field.slot == slot);
+        !self.values[slot].is_nan() && field.is_some_and(|field| field.read(bytes) != self.values[slot])
     }
 
     /// Reads a frame of this number; its check holds.
@@ -86,11 +90,7 @@ impl Assembly {
         let place = self.frames.frames[kind].instead_of.unwrap_or(kind);
         let bit = 1u64 << place;
         let is_complete = self.is_complete();
-        let is_other = || match (self.number(kind, bytes), self.sequence) {
-            (Some(number), Some((slot, _))) => !self.values[slot].is_nan() && self.values[slot] != number,
-            _ => false,
-        };
-        let is_restart = self.seen != 0 && !is_complete && (self.seen & bit != 0 || is_other());
+        let is_restart = self.seen != 0 && !is_complete && (self.seen & bit != 0 || self.is_other(kind, bytes));
         let was_waiting = self.is_waiting();
         if is_complete || is_restart {
             self.seen = 0;
@@ -101,7 +101,7 @@ impl Assembly {
             return Assembled::Orphan;
         }
         self.seen |= bit;
-        self.frames.frames[kind].read(bytes, &mut self.values);
+        self.plans[kind].read(bytes, &mut self.values);
         match self.is_complete() {
             true => Assembled::Complete,
             false if is_restart && was_waiting => Assembled::Restarted,

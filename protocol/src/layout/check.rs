@@ -9,11 +9,12 @@ use ::crc::{self, Crc, Table};
 use super::number::BitField;
 use crate::hex::spaced_hex;
 
+/// Value of a CRC of these parts.
+type Run = dyn Fn(&[&[u8]]) -> u32 + Send + Sync;
+
 /// An algorithm ready to run.
 enum Engine {
-    Crc8(Box<Crc<u8, Table<16>>>),
-    Crc16(Box<Crc<u16, Table<16>>>),
-    Crc32(Box<Crc<u32, Table<16>>>),
+    Crc(CrcParameters, Box<Run>, ByteTables),
     /// A sum; true for its two's complement.
     Sum(Sum, bool),
 }
@@ -23,50 +24,103 @@ enum Engine {
 enum Sum {
     /// Sum of bytes, modulo the field's width.
     Bytes,
-    /// Sum of words of 16 bits.
-    BigEndian,
-    LittleEndian,
+    /// Sum of words of 16 bits, of which this byte is the higher one.
+    Words(usize),
     /// Sum of bytes in the first byte, sum of these sums in the second, as u-blox and MicroStrain send it.
     Fletcher,
     Xor,
 }
 
 impl Sum {
-    /// The sum with the next byte, of which there were `count` before.
-    #[inline]
-    fn with(self, sum: u64, byte: u8, count: usize) -> u64 {
-        let byte = u64::from(byte);
+    /// The sum of all bytes of the parts.
+    fn of(self, parts: &[&[u8]]) -> u64 {
+        let bytes = parts.iter().copied().flatten().map(|byte| u64::from(*byte));
         match self {
-            Sum::Bytes => sum.wrapping_add(byte),
-            Sum::BigEndian => sum.wrapping_add(byte << (8 * (1 - count % 2))),
-            Sum::LittleEndian => sum.wrapping_add(byte << (8 * (count % 2))),
+            Sum::Bytes => bytes.sum(),
+            Sum::Words(high) => bytes.enumerate().map(|(count, byte)| byte << (8 * ((count + high + 1) % 2))).sum(),
             Sum::Fletcher => {
-                let first = ((sum >> 8) + byte) & 0xFF;
-                first << 8 | (sum + first) & 0xFF
+                let (first, second) = bytes.fold((0, 0), |(first, second), byte| (first + byte, second + first + byte));
+                (first & 0xFF) << 8 | second & 0xFF
             }
-            Sum::Xor => sum ^ byte,
+            Sum::Xor => bytes.fold(0, |sum, byte| sum ^ byte),
         }
+    }
+}
+
+/// A CRC of few bytes as the exclusive-or of a table's entry for each: no step waits for the one before.
+struct ByteTables {
+    /// Changes of the value by a byte, by the number of bytes after it.
+    changes: Vec<[u32; 256]>,
+    /// Values of as many zeros.
+    of_zeros: Vec<u32>,
+}
+
+impl ByteTables {
+    /// The tables of this CRC up to a number of bytes.
+    fn new(run: &Run, length: usize) -> ByteTables {
+        // The tables of more bytes would leave the processor's fast memory.
+        let mut bytes = [0; 64];
+        let of_zeros: Vec<u32> = (0..=length.min(bytes.len())).map(|length| run(&[&bytes[..length]])).collect();
+        let mut changes = vec![[0; 256]; of_zeros.len() - 1];
+        for (table, length) in changes.iter_mut().zip(1..) {
+            for byte in 1..256usize {
+                bytes[0] = byte as u8;
+                table[byte] = match byte & (byte - 1) {
+                    0 => run(&[&bytes[..length]]) ^ of_zeros[length],
+                    others => table[others] ^ table[byte ^ others],
+                };
+            }
+        }
+        ByteTables { changes, of_zeros }
+    }
+
+    /// The value of these bytes one after the other; `None` if they are too many.
+    #[inline]
+    fn value(&self, parts: &[&[u8]]) -> Option<u32> {
+        let length = parts.iter().map(|part| part.len()).sum();
+        let mut tables = self.changes.get(..length)?.iter().rev();
+        Some(parts.iter().fold(self.of_zeros[length], |value, part| {
+            part.iter().zip(&mut tables).fold(value, |value, (byte, table)| value ^ table[usize::from(*byte)])
+        }))
     }
 }
 
 /// Makes a list of the names and constructors of CRC algorithms: `CRC_16_XMODEM` is `CRC-16/XMODEM`.
 macro_rules! catalogue {
-    ($($variant:ident $width:ident: $($algorithm:ident)*;)*) => {
-        const CATALOGUE: &[(&str, fn() -> Engine)] =
-            &[$($((stringify!($algorithm), || Engine::$variant(Box::new(Crc::<$width, Table<16>>::new(&crc::$algorithm)))),)*)*];
+    ($($new:ident $width:ident: $($algorithm:ident)*;)*) => {
+        $(fn $new(algorithm: &'static crc::Algorithm<$width>, length: usize) -> Engine {
+            let crc = Crc::<$width, Table<16>>::new(algorithm);
+            let parameters = CrcParameters {
+                width: algorithm.width.into(),
+                polynomial: algorithm.poly.into(),
+                initial: algorithm.init.into(),
+                reflects_input: algorithm.refin,
+                reflects_output: algorithm.refout,
+                final_xor: algorithm.xorout.into(),
+            };
+            let run = move |parts: &[&[u8]]| {
+                let mut digest = crc.digest();
+                parts.iter().for_each(|part| digest.update(part));
+                digest.finalize().into()
+            };
+            let tables = ByteTables::new(&run, length);
+            Engine::Crc(parameters, Box::new(run), tables)
+        })*
+        const CATALOGUE: &[(&str, fn(usize) -> Engine)] =
+            &[$($((stringify!($algorithm), |length| $new(&crc::$algorithm, length)),)*)*];
     };
 }
 
 catalogue! {
-    Crc8 u8: CRC_8_AUTOSAR CRC_8_BLUETOOTH CRC_8_CDMA2000 CRC_8_DARC CRC_8_DVB_S2 CRC_8_GSM_A CRC_8_GSM_B CRC_8_HITAG CRC_8_I_432_1
+    crc8 u8: CRC_8_AUTOSAR CRC_8_BLUETOOTH CRC_8_CDMA2000 CRC_8_DARC CRC_8_DVB_S2 CRC_8_GSM_A CRC_8_GSM_B CRC_8_HITAG CRC_8_I_432_1
         CRC_8_I_CODE CRC_8_LTE CRC_8_MAXIM_DOW CRC_8_MIFARE_MAD CRC_8_NRSC_5 CRC_8_OPENSAFETY CRC_8_ROHC CRC_8_SAE_J1850
         CRC_8_SMBUS CRC_8_TECH_3250 CRC_8_WCDMA;
-    Crc16 u16: CRC_16_ARC CRC_16_CDMA2000 CRC_16_CMS CRC_16_DDS_110 CRC_16_DECT_R CRC_16_DECT_X CRC_16_DNP CRC_16_EN_13757
+    crc16 u16: CRC_16_ARC CRC_16_CDMA2000 CRC_16_CMS CRC_16_DDS_110 CRC_16_DECT_R CRC_16_DECT_X CRC_16_DNP CRC_16_EN_13757
         CRC_16_GENIBUS CRC_16_GSM CRC_16_IBM_3740 CRC_16_IBM_SDLC CRC_16_ISO_IEC_14443_3_A CRC_16_KERMIT CRC_16_LJ1200
         CRC_16_M17 CRC_16_MAXIM_DOW CRC_16_MCRF4XX CRC_16_MODBUS CRC_16_NRSC_5 CRC_16_OPENSAFETY_A CRC_16_OPENSAFETY_B
         CRC_16_PROFIBUS CRC_16_RIELLO CRC_16_SPI_FUJITSU CRC_16_T10_DIF CRC_16_TELEDISK CRC_16_TMS37157 CRC_16_UMTS
         CRC_16_USB CRC_16_XMODEM;
-    Crc32 u32: CRC_24_BLE CRC_24_FLEXRAY_A CRC_24_FLEXRAY_B CRC_24_INTERLAKEN CRC_24_LTE_A CRC_24_LTE_B CRC_24_OPENPGP CRC_24_OS_9
+    crc32 u32: CRC_24_BLE CRC_24_FLEXRAY_A CRC_24_FLEXRAY_B CRC_24_INTERLAKEN CRC_24_LTE_A CRC_24_LTE_B CRC_24_OPENPGP CRC_24_OS_9
         CRC_32_AIXM CRC_32_AUTOSAR CRC_32_BASE91_D CRC_32_BZIP2 CRC_32_CD_ROM_EDC CRC_32_CKSUM CRC_32_ISCSI
         CRC_32_ISO_HDLC CRC_32_JAMCRC CRC_32_MEF CRC_32_MPEG_2 CRC_32_XFER;
 }
@@ -75,10 +129,10 @@ catalogue! {
 const SUMS: [(&str, Sum, bool); 8] = [
     ("sum", Sum::Bytes, false),
     ("negated-sum", Sum::Bytes, true),
-    ("sum-u16be", Sum::BigEndian, false),
-    ("negated-sum-u16be", Sum::BigEndian, true),
-    ("sum-u16le", Sum::LittleEndian, false),
-    ("negated-sum-u16le", Sum::LittleEndian, true),
+    ("sum-u16be", Sum::Words(0), false),
+    ("negated-sum-u16be", Sum::Words(0), true),
+    ("sum-u16le", Sum::Words(1), false),
+    ("negated-sum-u16le", Sum::Words(1), true),
     ("fletcher", Sum::Fletcher, false),
     ("xor", Sum::Xor, false),
 ];
@@ -137,10 +191,11 @@ impl Check {
 
     /// The check of that name; `None` for an unknown name.
     pub fn new(name: &str, place: BitField, covers: Range<usize>) -> Option<Check> {
-        let crc = CATALOGUE.iter().find(|(algorithm, _)| catalogue_name(algorithm) == name).map(|(_, new)| new());
+        let crc = CATALOGUE.iter().find(|(algorithm, _)| catalogue_name(algorithm) == name);
+        let crc = crc.map(|(_, new)| new(covers.len() + Check::MAX_PADDING));
         let sum = || SUMS.iter().find(|(sum, ..)| *sum == name).map(|(_, sum, negated)| Engine::Sum(*sum, *negated));
-        let engine = crc.or_else(sum)?;
-        Some(Check { name: name.to_owned(), engine: Arc::new(engine), place, covers, pad_to: 1, suffix: Vec::new() })
+        let engine = Arc::new(crc.or_else(sum)?);
+        Some(Check { name: name.to_owned(), engine, place, covers, pad_to: 1, suffix: Vec::new() })
     }
 
     /// Algorithm and covered bytes of a frame of this length, in words.
@@ -163,27 +218,14 @@ impl Check {
 
     /// Parameters of a CRC; `None` for a sum.
     pub fn parameters(&self) -> Option<CrcParameters> {
-        macro_rules! parameters {
-            ($crc:expr) => {
-                Some(CrcParameters {
-                    width: $crc.algorithm.width.into(),
-                    polynomial: $crc.algorithm.poly.into(),
-                    initial: $crc.algorithm.init.into(),
-                    reflects_input: $crc.algorithm.refin,
-                    reflects_output: $crc.algorithm.refout,
-                    final_xor: $crc.algorithm.xorout.into(),
-                })
-            };
-        }
         match &*self.engine {
-            Engine::Crc8(crc) => parameters!(crc),
-            Engine::Crc16(crc) => parameters!(crc),
-            Engine::Crc32(crc) => parameters!(crc),
+            Engine::Crc(parameters, ..) => Some(*parameters),
             Engine::Sum(..) => None,
         }
     }
 
     /// The parts of the covered bytes: before the check, after it, zeros, and the suffix.
+    #[inline]
     fn parts<'a>(&'a self, bytes: &'a [u8]) -> [&'a [u8]; 4] {
         const ZEROS: [u8; Check::MAX_PADDING] = [0; Check::MAX_PADDING];
         let Range { start, end } = self.covers;
@@ -199,26 +241,10 @@ impl Check {
     #[inline]
     pub fn value(&self, bytes: &[u8]) -> u64 {
         let parts = self.parts(bytes);
-        macro_rules! digest {
-            ($crc:expr) => {{
-                let [before, others @ ..] = &parts;
-                if others.iter().all(|part| part.is_empty()) {
-                    return $crc.checksum(before).into();
-                }
-                let mut digest = $crc.digest();
-                parts.iter().filter(|part| !part.is_empty()).for_each(|part| digest.update(part));
-                digest.finalize().into()
-            }};
-        }
         match &*self.engine {
-            Engine::Crc8(crc) => digest!(crc),
-            Engine::Crc16(crc) => digest!(crc),
-            Engine::Crc32(crc) => digest!(crc),
-            Engine::Sum(sum, is_negated) => {
-                let bytes = parts.iter().flat_map(|part| part.iter()).enumerate();
-                let value = bytes.fold(0, |value, (count, byte)| sum.with(value, *byte, count));
-                if *is_negated { value.wrapping_neg() } else { value }
-            }
+            Engine::Crc(_, run, tables) => tables.value(&parts).unwrap_or_else(|| run(&parts)).into(),
+            Engine::Sum(sum, is_negated) if *is_negated => sum.of(&parts).wrapping_neg(),
+            Engine::Sum(sum, _) => sum.of(&parts),
         }
     }
 
@@ -231,8 +257,7 @@ impl Check {
     /// True if the frame has its check value.
     #[inline]
     pub fn holds(&self, bytes: &[u8]) -> bool {
-        let mask = u64::MAX >> (64 - self.place.bits);
-        self.place.read_bits(bytes) == self.value(bytes) & mask
+        (self.place.read_bits(bytes) ^ self.value(bytes)) << (u64::BITS - self.place.bits) == 0
     }
 }
 
@@ -289,5 +314,24 @@ mod tests {
         assert!(middle.holds(&bytes) && bytes[2] == 7);
         let negated = check("negated-sum", "u8", 4, 0..4);
         assert_eq!(negated.value(&[1, 2, 3, 250]) as u8, 0);
+    }
+
+    #[test]
+    fn the_tables_of_short_frames_give_the_value_of_the_algorithm() {
+        let bytes: Vec<u8> = (0..100u32).map(|index| (index * index * 37 >> 3) as u8).collect();
+        for name in
+            ["CRC-8/SAE-J1850", "CRC-8/MAXIM-DOW", "CRC-16/DNP", "CRC-24/BLE", "CRC-32/MPEG-2", "CRC-32/ISO-HDLC"]
+        {
+            for (at, end, pad_to, suffix) in
+                [(3, 30, 4, 0), (0, 60, 1, 3), (40, 40, 16, 2), (61, 61, 4, 0), (90, 90, 7, 1)]
+            {
+                let mut check = check(name, "u8", at, 0..end);
+                (check.pad_to, check.suffix) = (pad_to, bytes[..suffix].to_vec());
+                let Engine::Crc(_, run, tables) = &*check.engine else { unreachable!("a CRC") };
+                let (parts, used) = (check.parts(&bytes), tables.value(&check.parts(&bytes)));
+                assert_eq!(check.value(&bytes), u64::from(run(&parts)), "{name} {at} {end}");
+                assert_eq!(used.is_some(), end < 62, "{name} {at} {end}");
+            }
+        }
     }
 }

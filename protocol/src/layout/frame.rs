@@ -1,7 +1,7 @@
 //! A frame: constants, fields and check values at fixed places.
 
 use super::check::Check;
-use super::number::{BitField, Coding};
+use super::number::BitField;
 
 /// A number that a frame carries.
 #[derive(Debug, Clone)]
@@ -12,26 +12,26 @@ pub struct Field {
     /// Value of one unit of the number: `scale`, or 1 / `divisor` where that is exact.
     scale: f64,
     divisor: f64,
+    /// Both as one factor, if it is exact.
+    factor: Option<f64>,
     /// Value of the number 0.
     offset: f64,
-    /// Values of a single bit.
-    of_bit: [f64; 2],
 }
 
 impl Field {
     /// A field with the number as its value.
     pub fn new(slot: usize, place: BitField) -> Field {
-        Field { slot, place, scale: 1.0, divisor: 1.0, offset: 0.0, of_bit: [0.0, 1.0] }
+        Field { slot, place, scale: 1.0, divisor: 1.0, factor: Some(1.0), offset: 0.0 }
     }
 
     /// Sets scale and offset. A scale such as 0.005 divides by 200, so that values are the nearest to their decimals.
     pub fn scaled(self, scale: f64, offset: f64) -> Field {
         let divisor = (1.0 / scale).round();
-        let of_bit = [offset, scale + offset];
-        match divisor.abs() > 1.0 && 1.0 / divisor == scale {
-            true => Field { scale: 1.0, divisor, offset, of_bit, ..self },
-            false => Field { scale, divisor: 1.0, offset, of_bit, ..self },
-        }
+        let is_divided = divisor.abs() > 1.0 && 1.0 / divisor == scale;
+        let (scale, divisor) = if is_divided { (1.0, divisor) } else { (scale, 1.0) };
+        // The inverse of a power of two is exact.
+        let is_power = divisor.to_bits() << (u64::BITS + 1 - f64::MANTISSA_DIGITS) == 0;
+        Field { scale, divisor, factor: is_power.then_some(scale / divisor), offset, ..self }
     }
 
     /// Value of one unit of the number.
@@ -55,15 +55,15 @@ impl Field {
     }
 
     /// The value in a frame.
-    #[inline]
     pub fn read(&self, bytes: &[u8]) -> f64 {
-        if self.place.bits == 1 && self.place.coding == Coding::Unsigned {
-            return self.of_bit[usize::from(self.place.read_bits(bytes) != 0)];
-        }
-        let number = self.place.read(bytes);
+        self.value(self.place.read(bytes))
+    }
+
+    /// The value of a number on the wire.
+    #[inline]
+    pub fn value(&self, number: f64) -> f64 {
         // A division takes longer than all the rest.
-        let scaled = if self.divisor == 1.0 { number * self.scale } else { number / self.divisor };
-        scaled + self.offset
+        self.factor.map_or_else(|| number / self.divisor, |factor| number * factor) + self.offset
     }
 
     #[inline]
@@ -93,8 +93,9 @@ pub struct Frame {
     pub instead_of: Option<usize>,
     /// Bytes before the fields are written: constants, and values of what this product does not carry.
     template: Vec<u8>,
-    /// Bits of the template that a frame must have.
+    /// Bits of the template that a frame must have, and the byte after the last of them.
     required: Vec<u8>,
+    required_end: usize,
     pub fields: Vec<Field>,
     pub checks: Vec<Check>,
 }
@@ -109,6 +110,7 @@ impl Frame {
             instead_of: None,
             template: vec![0; length],
             required: vec![0; length],
+            required_end: 0,
             fields: Vec::new(),
             checks: Vec::new(),
         }
@@ -123,6 +125,7 @@ impl Frame {
     pub fn set_constant(&mut self, at: usize, bytes: &[u8]) {
         self.set_ignored(at, bytes);
         self.required[at..at + bytes.len()].fill(0xFF);
+        self.required_end = self.required_end.max(at + bytes.len());
     }
 
     /// Sends these bytes, and ignores them when they are read.
@@ -139,6 +142,7 @@ impl Frame {
     pub fn set_selector(&mut self, place: BitField, bits: u64) {
         place.write_bits(bits, &mut self.template);
         place.write_bits(u64::MAX, &mut self.required);
+        self.required_end = self.required_end.max(place.end());
     }
 
     /// Constant bytes at the start.
@@ -169,8 +173,9 @@ impl Frame {
     /// True if the bytes have the frame's length and constants.
     #[inline]
     pub fn has_constants(&self, bytes: &[u8]) -> bool {
-        let wrong = |((byte, own), required): ((&u8, &u8), &u8)| (byte ^ own) & required != 0;
-        bytes.len() == self.template.len() && !bytes.iter().zip(&self.template).zip(&self.required).any(wrong)
+        let own = self.template.iter().zip(&self.required[..self.required_end]);
+        let wrong = bytes.iter().zip(own).fold(0, |wrong, (byte, (own, required))| wrong | (byte ^ own) & required);
+        bytes.len() == self.template.len() && wrong == 0
     }
 
     /// Runs of bytes in which no field or check has a bit: the first byte, the bytes, and true for a constant.

@@ -62,9 +62,8 @@ impl Framing for SerialFrames {
     #[inline]
     fn candidate<'a>(&self, bytes: &'a [u8], is_last: bool) -> Candidate<'a, usize> {
         let (mut length, mut defect) = (0, SerialDefect::UnknownType);
-        for (kind, frame) in
-            self.frames.frames.iter().enumerate().filter(|(kind, _)| begins(&self.starts[*kind], bytes))
-        {
+        let begun = |(kind, _): &(usize, &Frame)| begins(&self.starts[*kind], bytes);
+        for (kind, frame) in self.frames.frames.iter().enumerate().filter(begun) {
             length = length.max(frame.length());
             match bytes.get(..frame.length()) {
                 None if !is_last => return Candidate::Incomplete { length },

@@ -25,6 +25,7 @@ mod dbc;
 mod frame;
 mod framing;
 mod number;
+mod plan;
 
 pub use assembly::{Assembled, Assembly, Sequence};
 pub use check::{Check, CrcParameters, check_names, sum_names};

@@ -120,11 +120,7 @@ impl BitField {
     fn gather(&self, bytes: &[u8]) -> u64 {
         let own = &bytes[self.at..self.at + self.length];
         let next = |word: u64, byte: &u8| word << 8 | u64::from(*byte);
-        match own {
-            [byte] => u64::from(*byte),
-            _ if self.is_little_endian => own.iter().rev().fold(0, next),
-            _ => own.iter().fold(0, next),
-        }
+        if self.is_little_endian { own.iter().rev().fold(0, next) } else { own.iter().fold(0, next) }
     }
 
     /// The bits, as an unsigned number.
