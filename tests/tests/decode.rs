@@ -316,7 +316,7 @@ fn a_cut_container_gives_the_rows_so_far_and_exit_2() {
         for word in [1_795_020_000u32, 0, 16, 16] {
             pcap.extend_from_slice(&word.to_le_bytes());
         }
-        pcap.extend_from_slice(&u32::from(frame.id()).to_be_bytes());
+        pcap.extend_from_slice(&frame.id().to_be_bytes());
         pcap.extend_from_slice(&[8, 0, 0, 0]);
         pcap.extend_from_slice(frame.data());
     }

@@ -6,6 +6,8 @@
 mod command;
 mod following;
 mod injection;
+mod outputs;
+mod sample;
 #[cfg(test)]
 mod tests;
 mod truth;
@@ -13,15 +15,12 @@ mod truth;
 use std::sync::Arc;
 
 use geu_protocol::Sample;
-use geu_protocol::field::{CLOCK_MODULUS, unit_flag};
+use geu_protocol::field::CLOCK_MODULUS;
 
 use crate::attitude::{Motion, MotionStep};
 use crate::configuration::Configuration;
 use crate::device::{Device, MAX_HEADS, Output};
-use crate::effect::{
-    FAULT_COLUMN, GyroEffects, POWER_COLUMN, Probe, SATURATION_COLUMN, SELF_TEST_COLUMN, SampleTiming, Temperatures,
-    UnitEffects, WiringEffects, WiringStates,
-};
+use crate::effect::{GyroEffects, Probe, SampleTiming, Temperatures, UnitEffects, WiringStates};
 use crate::fault::EffectList;
 use crate::fault::catalogue::UnitFault;
 use crate::fault::engine::FaultEngine;
@@ -31,6 +30,7 @@ use crate::time_profile::Interval;
 pub use command::CommandResponse;
 pub use following::MeasuredTemperatures;
 pub use injection::InjectionRecord;
+pub use sample::{CompletedSample, Outputs};
 pub use truth::Truth;
 
 /// Longest sub-step of a sample, over which motion is resolved.
@@ -39,54 +39,6 @@ const SUB_STEP_S: f64 = 0.1;
 const FS: f64 = 1e15;
 /// Spin-up of a gyro.
 const SPIN_UP_S: f64 = 60.0;
-
-/// Outputs of the heads over a sample interval, of any unit.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Outputs {
-    /// Number of the sample since the sequence began.
-    pub number: u64,
-    /// Counts of each head.
-    pub counts: [f64; MAX_HEADS],
-    /// Heads with a measurement, as bits.
-    pub valid: u8,
-    /// Heads that were clipped, as bits.
-    pub saturated: u8,
-}
-
-/// A sample that just ended.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct CompletedSample {
-    /// As the default unit has it; of another unit all but its increments and the flags of its gyros count.
-    pub sample: Sample,
-    pub outputs: Outputs,
-    /// True if it is sent on every link now (cyclic mode), false if it is kept for a poll.
-    pub cyclic: bool,
-    /// Scheduled end, true time since the start of the first sample interval, ns.
-    pub end_ns: i64,
-}
-
-impl From<Sample> for CompletedSample {
-    /// A sample of the default unit, as it was received.
-    fn from(sample: Sample) -> CompletedSample {
-        let mut outputs = Outputs {
-            number: sample.sequence.into(),
-            valid: sample.gyro_flags & 0xF,
-            saturated: sample.gyro_flags >> 4,
-            ..Outputs::default()
-        };
-        outputs.counts.iter_mut().zip(sample.increments).for_each(|(counts, increment)| *counts = increment.into());
-        CompletedSample { sample, outputs, cyclic: true, end_ns: 0 }
-    }
-}
-
-impl CompletedSample {
-    /// The sample with another number.
-    #[must_use]
-    pub fn numbered(self, number: u64) -> CompletedSample {
-        let sample = Sample { sequence: number as u16, ..self.sample };
-        CompletedSample { sample, outputs: Outputs { number, ..self.outputs }, ..self }
-    }
-}
 
 #[derive(Debug, Clone)]
 enum Power {
@@ -280,30 +232,7 @@ impl GyroUnit {
         }
         self.apply_wiring(&interval, counts, &mut taps);
         let mut is_synchronous = self.apply_power(counts, &mut outputs.valid, &mut taps);
-        let mut before = [0.0; MAX_HEADS];
-        before[..counts.len()].copy_from_slice(counts);
-        let overrides = self.faults.act_on_counts(&device, counts);
-        outputs.valid &= !overrides.invalid;
-        let is_on = |channel: &Channel| matches!(channel.power, Power::On(_));
-        is_synchronous &= !self
-            .channels
-            .iter()
-            .zip(&device.heads)
-            .any(|(channel, head)| is_on(channel) && overrides.coasting & head.gyro.bit() != 0);
-        for (index, head) in device.heads.iter().enumerate() {
-            let counts = &mut counts[index];
-            if *counts != before[index] {
-                taps[index].changed(FAULT_COLUMN, *counts - before[index]);
-            }
-            let (low, high) = device.limits(head);
-            let clipped = counts.clamp(low, high);
-            if clipped != *counts {
-                outputs.saturated |= head.gyro.bit();
-                self.lost_counts[index] += (*counts - clipped).abs();
-                taps[index].changed(SATURATION_COLUMN, clipped - *counts);
-            }
-            *counts = clipped;
-        }
+        is_synchronous &= self.apply_faults(&device, &mut outputs, &mut taps);
         self.sequence = self.sequence.wrapping_add(1);
         self.clock_count = (self.clock_count + (device.interval_s * device.clock_hz).round() as u64) % CLOCK_MODULUS;
         outputs.number = self.sequence;
@@ -364,8 +293,9 @@ impl GyroUnit {
         let mut storage: [Option<GyroEffects>; MAX_HEADS] = [None; MAX_HEADS];
         let mut storage = storage.iter_mut();
         let heads = device.heads.len();
-        let resolved: [ResolvedGyro; MAX_HEADS] = std::array::from_fn(|index| {
-            let (storage, index) = (storage.next().expect("one for each"), index.min(heads - 1));
+        // The places after the last head repeat it, and are not used.
+        let resolved: [ResolvedGyro; MAX_HEADS] = std::array::from_fn(|place| {
+            let (storage, index) = (storage.next().expect("one for each"), place.min(heads - 1));
             let head = &device.heads[index];
             let gyro = Some(head.gyro);
             ResolvedGyro {
@@ -373,6 +303,7 @@ impl GyroUnit {
                 computed: self.computed[index],
                 calibration: &gyros[index].calibration,
                 effects: match faults.moves(EffectList::Head, gyro) {
+                    _ if place >= heads => &gyros[index].effects.constant,
                     false if !self.computed[index].is_counted => &gyros[index].effects.constant,
                     false => gyros[index].effects.resolve(interval, storage),
                     true => storage.insert(faults.moved(gyros[index].effects.at(interval), EffectList::Head, gyro)),
@@ -380,70 +311,7 @@ impl GyroUnit {
                 discovered: &gyros[index].discovered,
             }
         });
-        self.package.count(&resolved[..heads], &self.unit, temperatures, device.range_arcsec_s, steps, truths, taps)
-    }
-
-    /// Applies wiring faults to the counts of a sample.
-    fn apply_wiring<T: Probe>(&mut self, interval: &Interval, counts: &mut [f64], taps: &mut [T]) {
-        let mut wiring = [WiringEffects::default(); MAX_HEADS];
-        for ((wiring, own), head) in
-            wiring.iter_mut().zip(&self.configuration.gyros).zip(&self.configuration.device.heads)
-        {
-            *wiring = self.faults.moved(own.wiring.at(interval), EffectList::Wiring, Some(head.gyro));
-        }
-        WiringEffects::apply(&wiring[..counts.len()], &mut self.wiring, counts, taps);
-    }
-
-    /// Applies power, self-test and spin-up to counts and validity flags. Returns true if all powered motors are synchronous.
-    fn apply_power<T: Probe>(&mut self, counts: &mut [f64], valid: &mut u8, taps: &mut [T]) -> bool {
-        let mut is_synchronous = true;
-        for (index, gyro) in self.configuration.device.gyros().enumerate() {
-            let counts = &mut counts[index];
-            match &mut self.channels[index].power {
-                Power::Off => {
-                    taps[index].changed(POWER_COLUMN, -*counts);
-                    *counts = 0.0;
-                }
-                Power::On(left) => {
-                    if let Some(test) = self.self_test.filter(|test| test.gyros & gyro.bit() != 0) {
-                        *counts += f64::from(test.counts);
-                        taps[index].changed(SELF_TEST_COLUMN, f64::from(test.counts));
-                    }
-                    if *left == 0 {
-                        *valid |= gyro.bit();
-                    } else {
-                        is_synchronous = false;
-                        *left -= 1;
-                    }
-                }
-            }
-        }
-        is_synchronous
-    }
-
-    /// Temperatures and unit flags at the end of the sample; a running self-test is one sample shorter.
-    fn report_status(&mut self, start_s: f64, end_s: f64, is_synchronous: bool, sample: &mut Sample) {
-        let at_end = self.temperatures(end_s);
-        let heater_on = self.sensor.heater_on;
-        self.sensor.heater_on &=
-            !self.faults.on_unit().any(|(law, _)| matches!(law, UnitFault::HeaterLost | UnitFault::BrownOut));
-        self.sensor.advance(end_s - start_s, at_end.electronics_c);
-        self.sensor.heater_on = heater_on;
-        sample.electronics_centi_c = centi(at_end.electronics_c);
-        sample.sensor_centi_c = centi(self.sensor.temperature_c);
-        sample.unit_flags = [
-            (self.sensor.in_band(), unit_flag("heater_in_band")),
-            (is_synchronous, unit_flag("motors_synchronous")),
-            (true, unit_flag("clock_locked")),
-            (self.self_test.is_some(), unit_flag("self_test")),
-            (self.polled, unit_flag("polled")),
-        ]
-        .into_iter()
-        .fold(0, |flags, (set, flag)| if set { flags | flag } else { flags });
-        self.self_test = self.self_test.and_then(|test| {
-            let samples_left = test.samples_left - 1;
-            (samples_left > 0).then_some(SelfTest { samples_left, ..test })
-        });
+        self.package.count(&resolved[..heads], &self.unit, temperatures, steps, truths, taps)
     }
 
     /// Begins a sample: which faults act over it, and when it ends.
@@ -476,8 +344,4 @@ impl GyroUnit {
             None => Temperatures::from_course(&self.configuration.electronics, t_s, self.sensor.temperature_c),
         }
     }
-}
-
-fn centi(temperature_c: f64) -> i16 {
-    (temperature_c * 100.0).round() as i16
 }

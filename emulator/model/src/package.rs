@@ -168,7 +168,6 @@ impl Package {
         gyros: &[ResolvedGyro],
         unit: &UnitEffects,
         temperatures: &Temperatures,
-        full_scale_arcsec_s: f64,
         steps: &[SubStep],
         truths: &[MotionStep],
         taps: &mut [T],
@@ -195,8 +194,13 @@ impl Package {
             unit.apply(&mut self.unit, heads, gyros, step, taps);
             let counted = heads.iter_mut().zip(gyros).enumerate().filter(|(_, (_, gyro))| gyro.computed.is_counted);
             for (index, (head, gyro)) in counted {
-                let surroundings =
-                    EffectInputs { step, axes: &gyro.head.axes, temperatures, end_s: *end_s, full_scale_arcsec_s };
+                let surroundings = EffectInputs {
+                    step,
+                    axes: &gyro.head.axes,
+                    temperatures,
+                    end_s: *end_s,
+                    full_scale_arcsec_s: gyro.head.full_scale_arcsec_s,
+                };
                 let tap = &mut taps[index];
                 if !gyro.discovered.is_empty() {
                     discovered::apply(gyro.discovered, head, &surroundings);

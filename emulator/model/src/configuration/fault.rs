@@ -197,14 +197,7 @@ fn read_fault(node: &Node, identifiers: &mut Identifiers, links: &[Transport]) -
             None
         };
         let link = if spec.scope == Scope::Link { read_link(node, spec)? } else { None };
-        let kinds = link.map_or_else(|| spec.links(), |link| vec![link]);
-        let reasons = kinds.iter().map(|kind| node.device().unable(spec.code, *kind == Transport::Can));
-        let reasons: Option<Vec<&str>> = reasons.collect();
-        if let Some(reason) = reasons.as_ref().filter(|_| spec.scope == Scope::Link).and_then(|reasons| reasons.first())
-        {
-            let key = if link.is_some() { "link" } else { "fault" };
-            return Err(node.unexpected(key, &format!("what this unit can have: {reason};")));
-        }
+        verify_unit(node, spec, link)?;
         // A fault that no link supports is rejected with its link.
         let links = link.as_ref().map_or(links, std::slice::from_ref);
         if let Some((number, expected)) = spec.neutral(&values, gyro).or_else(|| spec.misfit(&values, links)) {
@@ -297,6 +290,20 @@ fn read_link(node: &Node, spec: &FaultSpec) -> Read<Option<Transport>> {
     match reasons(kind) {
         None => Ok(Some(kind)),
         Some(reason) => Err(node.unexpected("link", &format!("a link that can have {}; {reason};", spec.code))),
+    }
+}
+
+/// Refuses a fault of links that no link of the unit can have.
+fn verify_unit(node: &Node, spec: &FaultSpec, link: Option<Transport>) -> Read<()> {
+    let kinds = link.map_or_else(|| spec.links(), |link| vec![link]);
+    let reasons = kinds.iter().map(|kind| node.device().unable(spec.code, *kind == Transport::Can));
+    let reasons: Option<Vec<&str>> = reasons.collect();
+    match reasons.as_ref().filter(|_| spec.scope == Scope::Link).and_then(|reasons| reasons.first()) {
+        Some(reason) => {
+            let key = if link.is_some() { "link" } else { "fault" };
+            Err(node.unexpected(key, &format!("what this unit can have: {reason};")))
+        }
+        None => Ok(()),
     }
 }
 

@@ -51,6 +51,8 @@ pub enum Output {
 pub struct Head {
     pub gyro: Gyro,
     pub axes: Axes,
+    /// Largest rate.
+    pub full_scale_arcsec_s: f64,
     /// Nominal size of one count, arcsec.
     pub count_arcsec: f64,
     /// True if the output is a whole number of counts.
@@ -145,7 +147,13 @@ impl Device {
     /// The default unit, four floated gyros with outputs of 16 bits (Casteren §2, §5).
     pub fn iras() -> Arc<Device> {
         static IRAS: LazyLock<Arc<Device>> = LazyLock::new(|| {
-            let head = |gyro| Head { gyro, axes: *Axes::of(gyro), count_arcsec: 1.0, is_rounded: true };
+            let head = |gyro| Head {
+                gyro,
+                axes: *Axes::of(gyro),
+                full_scale_arcsec_s: FULL_SCALE_ARCSEC_S,
+                count_arcsec: 1.0,
+                is_rounded: true,
+            };
             Arc::new(Device {
                 description: DeviceText::default(),
                 name: "IRAS gyro unit".to_owned(),
@@ -294,6 +302,7 @@ impl Device {
         }
         for (head, size) in self.heads.iter_mut().zip(sizes) {
             (head.count_arcsec, head.is_rounded) = (size.unwrap_or(1.0), size.is_some());
+            head.full_scale_arcsec_s = self.range_arcsec_s;
         }
     }
 
@@ -377,6 +386,7 @@ fn head(node: &Node, index: u8) -> Result<Head, ConfigurationError> {
         true => Ok(Head {
             gyro: Gyro::new(index, name),
             axes: Axes::new(input, output.unwrap_or_default()),
+            full_scale_arcsec_s: 0.0,
             count_arcsec: 1.0,
             is_rounded: false,
         }),

@@ -1,7 +1,7 @@
 //! A sample of a unit on its links: the values that its fields carry, and its frames.
 
 use geu_protocol::field::{UNIT_FLAGS, unit_flag};
-use geu_protocol::layout::{Field, FrameSet, Quantity, ValueSpec};
+use geu_protocol::layout::{Field, Frame, FrameSet, Quantity, ValueSpec};
 
 use super::Device;
 use crate::gyro_unit::CompletedSample;
@@ -15,8 +15,8 @@ impl Device {
         }
     }
 
-    /// The identifiers and bytes that a sample sends on a link.
-    pub fn encode(&self, is_can: bool, sample: &CompletedSample) -> Vec<(Option<(u32, bool)>, Vec<u8>)> {
+    /// The frames that a sample sends on a link, with their bytes.
+    pub fn encode(&self, is_can: bool, sample: &CompletedSample) -> Vec<(&Frame, Vec<u8>)> {
         let Some(set) = self.frames(is_can) else { return Vec::new() };
         let values: Vec<f64> = set.values.iter().map(|value| self.value(value, set, sample)).collect();
         let number = sample.outputs.number;
@@ -27,7 +27,7 @@ impl Device {
         due.map(|frame| {
             let mut bytes = Vec::with_capacity(frame.length());
             frame.write(&values, &mut bytes);
-            (frame.id, bytes)
+            (frame, bytes)
         })
         .collect()
     }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::{GyroUnit, Truth};
 use crate::configuration::Configuration;
-use crate::device::{Device, MAX_HEADS};
+use crate::device::{Head, MAX_HEADS};
 use crate::effect::discovered::{Formula, Regressor};
 use crate::effect::{EffectInputs, Temperatures};
 use crate::package::{ComputedParts, SubStep};
@@ -89,8 +89,8 @@ impl GyroUnit {
         self.advance::<()>(start_s, end_s, &mut steps);
         for SubStep { counted: step, end_s } in &steps {
             // A formula has the control axes.
-            let Device { heads, range_arcsec_s, .. } = &*self.configuration.device;
-            let (axes, full_scale_arcsec_s) = (&heads[0].axes, *range_arcsec_s);
+            let Head { axes, full_scale_arcsec_s, .. } = &self.configuration.device.heads[0];
+            let full_scale_arcsec_s = *full_scale_arcsec_s;
             let inputs = EffectInputs { step, axes, temperatures: &temperatures, end_s: *end_s, full_scale_arcsec_s };
             let values = Regressor::ALL.map(|regressor| regressor.value(&inputs));
             for (sum, formula) in sums.iter_mut().zip(formulas) {

@@ -2,6 +2,8 @@
 
 use geu_protocol::{CommandResult, command};
 
+use geu_protocol::field::unit_flag;
+
 use super::*;
 use crate::attitude::{AttitudeRow, Knot, RecordedAttitude, SampleQuality, StreamedAttitude};
 

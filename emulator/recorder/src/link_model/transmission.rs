@@ -66,7 +66,7 @@ impl Encoding {
                 device.encode(false, sample).into_iter().map(|(_, bytes)| WireData::Bytes(bytes)).collect()
             }
             Encoding::DescribedCan(device) => {
-                let frame = |(id, bytes): (Option<(u32, bool)>, Vec<u8>)| match id? {
+                let frame = |(frame, bytes): (&Frame, Vec<u8>)| match frame.id? {
                     (id, true) => CanFrame::extended(id, &bytes),
                     (id, false) => CanFrame::new(id as u16, &bytes),
                 };

@@ -149,7 +149,8 @@ function start([catalogue, layout, status]) {
   }
   const watch = watchList();
   injector(catalogue, [...new Set((status.links ?? []).map(({ kind }) => kind))], refresh);
-  commander(catalogue.commands);
+  if (catalogue.commands.length) commander(catalogue.commands);
+  else at("command").hidden = true;
   if (status.links) links(status);
   recorded(status);
   at("download").href = path("/api/timeline");

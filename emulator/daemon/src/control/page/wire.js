@@ -9,15 +9,16 @@ const TABS = [
 
 /** Shows samples as the links carry them. */
 export function wire(layout) {
-  let shown = "serial",
+  let shown = layout.serial.length ? "serial" : "can",
     last = null;
-  const tabs = TABS.map(([name, title]) => {
+  const links = TABS.filter(([name]) => layout[name].length);
+  const tabs = links.map(([name, title]) => {
     const tab = element("button", { type: "button", role: "tab", id: `tab-${name}` }, title);
     tab.setAttribute("aria-controls", "frames");
     tab.addEventListener("click", () => choose(name));
     tab.addEventListener("keydown", (event) => {
       if (event.key !== "ArrowLeft" && event.key !== "ArrowRight") return;
-      choose(TABS.find(([other]) => other !== shown)[0]);
+      choose((links.find(([other]) => other !== shown) ?? links[0])[0]);
       at(`tab-${shown}`).focus();
     });
     return tab;
@@ -30,8 +31,8 @@ export function wire(layout) {
   function choose(name) {
     shown = name;
     tabs.forEach((tab, index) => {
-      tab.setAttribute("aria-selected", String(TABS[index][0] === name));
-      tab.tabIndex = TABS[index][0] === name ? 0 : -1;
+      tab.setAttribute("aria-selected", String(links[index][0] === name));
+      tab.tabIndex = links[index][0] === name ? 0 : -1;
     });
     at("frames").setAttribute("aria-labelledby", `tab-${name}`);
     rows = parts[name].map((part) => {
