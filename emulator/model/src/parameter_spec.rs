@@ -94,6 +94,32 @@ impl ParameterSpec {
     }
 }
 
+/// How much wider than those of the default unit the limits of a unit are: of angles and angular rates, and of relative errors.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Widening {
+    pub arcsec: f64,
+    pub ppm: f64,
+}
+
+impl Default for Widening {
+    fn default() -> Widening {
+        Widening { arcsec: 1.0, ppm: 1.0 }
+    }
+}
+
+impl Widening {
+    /// Limits of a number with this unit.
+    pub fn limits(self, unit: &str, min: f64, max: f64) -> (f64, f64) {
+        let factor = match unit {
+            "arcsec/count" => 1.0,
+            unit if unit.starts_with("arcsec") => self.arcsec,
+            unit if unit.starts_with("ppm") => self.ppm,
+            _ => 1.0,
+        };
+        (if min < 0.0 { min * factor } else { min }, max * factor)
+    }
+}
+
 impl ValueFormat {
     /// `value` as a configuration writes it.
     pub fn written(self, value: f64) -> String {

@@ -19,7 +19,7 @@ fn move_courses<E: Effects>(configured: &mut EffectConfiguration<E>, by_s: f64) 
             *numbers.value_mut(index) -= by_s;
         }
     }
-    let EffectConfiguration { constant, courses } = configured;
+    let EffectConfiguration { constant, courses, .. } = configured;
     for course in courses {
         *constant.numbers_mut(course.effect).value_mut(course.amplitude) += course.shift_origin(by_s);
     }

@@ -189,7 +189,8 @@ impl<'a> Node<'a> {
     /// # Errors
     /// Not a number, out of limits, or required and not there.
     pub fn number(&self, spec: &ParameterSpec) -> Read<f64> {
-        match (self.value(spec.name, spec.form, spec.min, spec.max)?, spec.default) {
+        let (min, max) = self.source.device.widening().limits(spec.unit, spec.min, spec.max);
+        match (self.value(spec.name, spec.form, min, max)?, spec.default) {
             (Some(value), _) => Ok(value),
             (None, DefaultValue::Required) => {
                 let (path, meaning, limits) = (self.path_of(spec.name), spec.meaning, spec.limits());

@@ -36,6 +36,8 @@ impl<E: Effects> EffectTables<'_, E> {
         table.only(&keys.chain(kind.shapes.iter().map(|shape| shape.name)).collect::<Vec<_>>())?;
         let shapes = kind.shapes.iter().map(|shape| table.number(shape)).collect::<Read<Vec<f64>>>()?;
         for (amplitude, Size { name, form, min, max }) in sizes {
+            let unit = self.configured.constant.numbers(effect).specs()[amplitude].unit;
+            let (min, max) = self.device.widening().limits(unit, min, max);
             let size = table.value(&name, form, min, max)?.unwrap_or(0.0);
             if size != 0.0 {
                 self.configured.courses.push(TimeCourse { effect, amplitude, size, profile: kind.with(&shapes) });
@@ -105,15 +107,14 @@ impl<E: Effects> Part for EffectTables<'_, E> {
     }
 
     fn show(&self, _key: &str, complete: bool, text: &mut String) {
-        let gyros: Vec<Gyro> = self.device.gyros().collect();
         let absent = E::default();
         for (index, spec) in self.effects().iter().enumerate() {
             let present = self.configured.constant.numbers(index);
             let has = |name: &str| has(self.axes.as_ref(), name);
-            let is_absent = inline(present, has, &gyros) == inline(absent.numbers(index), has, &gyros);
+            let is_absent = inline(present, has, self.device) == inline(absent.numbers(index), has, self.device);
             if complete || !is_absent {
                 let key = format!("{}{}", if is_absent { "# " } else { "" }, spec.code);
-                show_numbers(text, complete, &key, &title(spec), present, has, &gyros);
+                show_numbers(text, complete, &key, &title(spec), present, has, self.device);
             }
             self.show_courses(text, index);
         }

@@ -326,6 +326,7 @@ fn read_course(node: &Node, target: &ParameterRef) -> Read<(f64, TimeProfile)> {
     let numbers: Vec<&str> = kind.shapes.iter().map(|number| number.name).collect();
     course.only(&[&[kind.name][..], &numbers].concat())?;
     let (min, max) = target.limits();
+    let (min, max) = node.device().widening().limits(target.number().unit, min, max);
     let size = course.value(kind.name, target.number().form, min, max)?.expect("a key of the table");
     if size == 0.0 && !target.is_switch() {
         return Err(course.unexpected(kind.name, "a number other than 0, with which nothing changes,"));

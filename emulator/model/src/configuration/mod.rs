@@ -199,12 +199,15 @@ impl Configuration {
 
     /// The configuration of an empty file.
     fn neutral(device: Arc<Device>) -> Configuration {
+        let widening = device.widening();
+        let mut gyro = GyroConfiguration::default();
+        (gyro.effects.widening, gyro.wiring.widening) = (widening, widening);
         Configuration {
-            gyros: vec![GyroConfiguration::default(); device.heads.len()],
+            gyros: vec![gyro; device.heads.len()],
             device,
             seed: 1,
             start_unix_ns: 0,
-            unit: EffectConfiguration::default(),
+            unit: EffectConfiguration { widening, ..EffectConfiguration::default() },
             electronics: ElectronicsCourse::default(),
             sensors: SensorNumbers::default(),
             scenario: Scenario {

@@ -10,6 +10,7 @@ use super::effects::EffectTables;
 use super::fault::{EXPECT, FAULT};
 use super::plan::Plan;
 use super::{Configuration, schema};
+use crate::device::Device;
 use crate::effect::{EffectSpec, discovered};
 use crate::package::Axes;
 use crate::parameter_spec::{DefaultValue, ParameterSet, ParameterSpec, REAL, ValueFormat, number};
@@ -30,7 +31,7 @@ enum Value<'a> {
     /// A number.
     Number(&'static ParameterSpec, &'a mut f64),
     /// An inline table of numbers that a gyro with these axes has. `true`: its schema has the title.
-    Numbers { title: (&'static str, bool), numbers: &'a mut dyn ParameterSet, axes: Option<Axes> },
+    Numbers { title: (&'static str, bool), numbers: &'a mut dyn ParameterSet, axes: Option<Axes>, device: &'a Device },
     /// A table with a header.
     Table(Vec<Field<'a>>),
     /// A form of its own.
@@ -72,7 +73,10 @@ impl Configuration {
             let axes = Some(head.axes);
             let title = ("the unit's own parameters, and the believed ones", false);
             let fields = vec![
-                Field { key: "calibration", value: Value::Numbers { title, numbers: &mut own.calibration, axes } },
+                Field {
+                    key: "calibration",
+                    value: Value::Numbers { title, numbers: &mut own.calibration, axes, device },
+                },
                 part(discovered::CODE, &mut own.discovered),
                 part("", EffectTables { configured: &mut own.effects, axes, device }),
                 part("", EffectTables { configured: &mut own.wiring, axes, device }),
@@ -89,7 +93,7 @@ impl Configuration {
                 vec![
                     Field { key: THETA.name, value: Value::Number(&THETA, &mut scenario.theta_deg) },
                     Field { key: PSI.name, value: Value::Number(&PSI, &mut scenario.psi_deg) },
-                    numbers("limit_cycle", ("limit cycle about X and Y", false), &mut scenario.limit_cycle),
+                    numbers("limit_cycle", ("limit cycle about X and Y", false), &mut scenario.limit_cycle, device),
                 ],
             ),
             part("manoeuvre", &mut scenario.manoeuvres),
@@ -98,7 +102,7 @@ impl Configuration {
             table(
                 "temperature",
                 vec![
-                    numbers("electronics", ("electronics temperature", false), &mut electronics.numbers),
+                    numbers("electronics", ("electronics temperature", false), &mut electronics.numbers, device),
                     part("electronics_table", &mut electronics.table),
                 ],
             ),
@@ -107,11 +111,17 @@ impl Configuration {
             table(
                 "sensors",
                 vec![
-                    numbers("fss", ("Fine Sun Sensor: two axes, 2 Hz (Casteren §1, §6)", true), &mut sensors.fss),
+                    numbers(
+                        "fss",
+                        ("Fine Sun Sensor: two axes, 2 Hz (Casteren §1, §6)", true),
+                        &mut sensors.fss,
+                        device,
+                    ),
                     numbers(
                         "sse",
                         ("slit star sensor: fixes at the reference times (Casteren §5)", true),
                         &mut sensors.sse,
+                        device,
                     ),
                 ],
             ),
@@ -126,8 +136,13 @@ fn table<'a>(key: &'static str, fields: Vec<Field<'a>>) -> Field<'a> {
     Field { key, value: Value::Table(fields) }
 }
 
-fn numbers<'a>(key: &'static str, title: (&'static str, bool), numbers: &'a mut dyn ParameterSet) -> Field<'a> {
-    Field { key, value: Value::Numbers { title, numbers, axes: None } }
+fn numbers<'a>(
+    key: &'static str,
+    title: (&'static str, bool),
+    numbers: &'a mut dyn ParameterSet,
+    device: &'a Device,
+) -> Field<'a> {
+    Field { key, value: Value::Numbers { title, numbers, axes: None, device } }
 }
 
 fn part<'a>(key: &'static str, part: impl Part + 'a) -> Field<'a> {
@@ -196,8 +211,8 @@ pub(super) fn show(fields: &[Field], path: &str, complete: bool, text: &mut Stri
                 let comment = comment(complete, &format!("{} ({})", spec.meaning, spec.limits()));
                 line!(text, "{key} = {value:?}{comment}");
             }
-            Value::Numbers { title: (title, _), numbers, axes } => {
-                show_numbers(text, complete, key, title, *numbers, |name| has(axes.as_ref(), name), &[]);
+            Value::Numbers { title: (title, _), numbers, axes, device } => {
+                show_numbers(text, complete, key, title, *numbers, |name| has(axes.as_ref(), name), device);
             }
             Value::Table(fields) => {
                 let path = if path.is_empty() { (*key).to_owned() } else { format!("{path}.{key}") };
@@ -217,7 +232,7 @@ pub(super) fn schema(fields: &[Field]) -> Json {
     for Field { key, value } in fields {
         let schema = match value {
             Value::Number(spec, _) => schema::number(spec),
-            Value::Numbers { title: (title, is_shown), numbers, axes } => {
+            Value::Numbers { title: (title, is_shown), numbers, axes, .. } => {
                 let mut schema = schema::table(*numbers, &|name| has(axes.as_ref(), name));
                 if *is_shown {
                     schema["description"] = json!(title);
@@ -247,11 +262,12 @@ pub(super) fn present(numbers: &dyn ParameterSet) -> impl Iterator<Item = (&'sta
 }
 
 /// The inline table of the numbers.
-pub(super) fn inline(numbers: &dyn ParameterSet, has: impl Fn(&str) -> bool, gyros: &[Gyro]) -> String {
+pub(super) fn inline(numbers: &dyn ParameterSet, has: impl Fn(&str) -> bool, device: &Device) -> String {
+    let gyros: Vec<Gyro> = device.gyros().collect();
     let pairs: Vec<String> = present(numbers)
         // A gyro number of 0 has no name to write.
         .filter(|(number, value)| has(number.name) && (number.form != ValueFormat::Gyro || *value != 0.0))
-        .map(|(number, value)| format!("{} = {}", number.name, number.form.written_of(value, gyros)))
+        .map(|(number, value)| format!("{} = {}", number.name, number.form.written_of(value, &gyros)))
         .collect();
     format!("{{ {} }}", pairs.join(", "))
 }
@@ -271,13 +287,16 @@ pub(super) fn show_numbers(
     title: &str,
     numbers: &dyn ParameterSet,
     has: impl Fn(&str) -> bool,
-    gyros: &[Gyro],
+    device: &Device,
 ) {
     if complete {
         line!(text, "# {title}");
-        describe(text, numbers.specs().iter().filter(|spec| has(spec.name)));
+        for spec in numbers.specs().iter().filter(|spec| has(spec.name)) {
+            let (min, max) = device.widening().limits(spec.unit, spec.min, spec.max);
+            line!(text, "#   {}: {} ({})", spec.name, spec.meaning, spec.form.limits(min, max));
+        }
     }
-    line!(text, "{key} = {}", inline(numbers, has, gyros));
+    line!(text, "{key} = {}", inline(numbers, has, device));
 }
 
 /// A text as TOML.

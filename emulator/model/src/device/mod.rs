@@ -23,7 +23,7 @@ use geu_protocol::suggestion::did_you_mean;
 
 use crate::configuration::{ConfigText, ConfigurationError, Node};
 use crate::package::Axes;
-use crate::parameter_spec::ValueFormat;
+use crate::parameter_spec::{ValueFormat, Widening};
 use crate::units::{ARCSEC_PER_DEG, FULL_SCALE_ARCSEC_S, SAMPLE_INTERVAL_S};
 
 use self::fields::is_identifier;
@@ -32,6 +32,8 @@ pub use serial::SerialWire;
 
 /// Largest number of heads.
 pub const MAX_HEADS: usize = 8;
+/// Largest relative errors of described units, by those of the default unit: 10 % in place of 2000 ppm.
+const DESCRIBED_PPM: f64 = 50.0;
 /// Rate of the clock of the default unit, and of one that a description does not state.
 const CLOCK_HZ: f64 = 1e6;
 /// Deviation of a product of unit vectors from 0 up to which they are perpendicular.
@@ -198,6 +200,14 @@ impl Device {
         }
         let most = head.rounded(self.range_arcsec_s * self.interval_s / head.count_arcsec);
         (-most, most)
+    }
+
+    /// Limits of angles and rates grow with the range of the unit; those of relative errors are for fibre-optic and MEMS gyros.
+    pub fn widening(&self) -> Widening {
+        match self.is_iras() {
+            true => Widening::default(),
+            false => Widening { arcsec: (self.range_arcsec_s / FULL_SCALE_ARCSEC_S).max(1.0), ppm: DESCRIBED_PPM },
+        }
     }
 
     /// Angle of an output over the nominal interval in the unit of its field, arcsec.

@@ -12,7 +12,7 @@ use crate::configuration::Configuration;
 use crate::device::Device;
 use crate::effect::Effects;
 use crate::gyro_unit::CompletedSample;
-use crate::parameter_spec::ParameterSpec;
+use crate::parameter_spec::{ParameterSpec, Widening};
 use crate::time_profile::Interval;
 
 /// A fault over one sample interval.
@@ -113,6 +113,7 @@ pub struct FaultEngine {
     seed: u64,
     /// Nominal length of a sample interval, s.
     pub interval_s: f64,
+    widening: Widening,
     /// In the order of the plan, then as they were injected.
     pub planned: Vec<FaultStatus>,
     pub watches: Vec<ExpectationMonitor>,
@@ -133,6 +134,7 @@ impl FaultEngine {
         let mut faults = FaultEngine {
             seed: configuration.seed,
             interval_s: configuration.device.interval_s,
+            widening: configuration.device.widening(),
             ..FaultEngine::default()
         };
         configuration.faults.iter().for_each(|fault| faults.add(fault.clone()));
@@ -234,7 +236,8 @@ impl FaultEngine {
     pub fn moved<E: Effects>(&self, mut effects: E, list: EffectList, gyro: Option<Gyro>) -> E {
         for (target, value) in self.offsets(list, gyro) {
             let numbers = effects.numbers_mut(target.effect);
-            let ParameterSpec { min, max, .. } = numbers.specs()[target.number];
+            let ParameterSpec { unit, min, max, .. } = numbers.specs()[target.number];
+            let (min, max) = self.widening.limits(unit, min, max);
             let number = numbers.value_mut(target.number);
             let before = if target.is_switch() || !number.is_finite() { 0.0 } else { *number };
             *number = (before + value).clamp(min, max);
