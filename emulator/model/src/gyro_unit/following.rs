@@ -53,9 +53,26 @@ impl GyroUnit {
         GyroUnit { computed: std::array::from_fn(of_gyro), ..unit }
     }
 
+    /// True if no effect or fault moves its sample intervals or its motion.
+    pub fn keeps_time(&self) -> bool {
+        self.configuration.unit.active() == 0 && self.faults().is_empty()
+    }
+
+    /// The sub-steps of the next samples.
+    pub fn sub_steps(&self, samples: usize) -> Vec<SubStep> {
+        let (mut unit, mut all) = (self.clone(), vec![SubStep::default(); samples * SUB_STEPS]);
+        for steps in all.as_chunks_mut().0 {
+            unit.advance::<()>(unit.start_fs as f64 * 1e-15, unit.end_fs as f64 * 1e-15, steps);
+            unit.start_fs = unit.end_fs;
+            unit.begin();
+        }
+        all
+    }
+
     /// Ends the running sample interval of units that differ in their gyros alone and begins the next, without flags, wiring faults and
-    /// self-test; returns its scheduled end, ns, or 0 without units. The first unit follows the motion for all of them.
-    pub fn count_samples(units: &mut [GyroUnit]) -> i64 {
+    /// self-test; returns its scheduled end, ns, or 0 without units. The first unit follows the motion for all of them, unless `known` has
+    /// [`GyroUnit::sub_steps`] from its start on.
+    pub fn count_samples(units: &mut [GyroUnit], known: Option<&[SubStep]>) -> i64 {
         let Some(first) = units.first_mut() else { return 0 };
         let end_ns = first.running_end_ns();
         if !first.faults().is_empty() {
@@ -67,11 +84,18 @@ impl GyroUnit {
         let (start_s, end_s) = (first.start_fs as f64 * 1e-15, first.end_fs as f64 * 1e-15);
         let temperatures = first.temperatures(0.5 * (start_s + end_s));
         let interval = temperatures.interval(start_s, end_s);
-        let mut steps = [SubStep::default(); SUB_STEPS];
-        let truths = first.advance::<()>(start_s, end_s, &mut steps);
+        let mut storage = [SubStep::default(); SUB_STEPS];
+        let place = first.ended as usize * SUB_STEPS;
+        let (steps, truths) = match known {
+            Some(known) => (&known[place..place + SUB_STEPS], Vec::new()),
+            None => {
+                let truths = first.advance::<()>(start_s, end_s, &mut storage);
+                (&storage[..], truths)
+            }
+        };
         debug_assert!(units.iter().all(|unit| unit.running_end_ns() == end_ns));
         for unit in units {
-            let counts = unit.count(&temperatures, &interval, &steps, &truths, &mut [(); Gyro::ALL.len()]);
+            let counts = unit.count(&temperatures, &interval, steps, &truths, &mut [(); Gyro::ALL.len()]);
             unit.channels.iter_mut().zip(counts).for_each(|(channel, counts)| channel.accumulated += counts);
             unit.ended += 1;
             unit.start_fs = unit.end_fs;
