@@ -369,10 +369,14 @@ impl GyroUnit {
 
     /// Schedules the end of the sample interval that begins: 0.5/(1 + ε) s of true time after its start.
     fn schedule_end(&mut self) {
-        let start_s = self.start_fs as f64 * 1e-15;
-        let temperatures = self.temperatures(start_s + 0.5 * SAMPLE_INTERVAL_S);
-        let interval = temperatures.interval(start_s, start_s + SAMPLE_INTERVAL_S);
-        self.unit = self.faults.moved(self.configuration.unit.at(&interval), EffectList::Unit, None);
+        let configured = &self.configuration.unit;
+        let at_start = || {
+            let start_s = self.start_fs as f64 * 1e-15;
+            let temperatures = self.temperatures(start_s + 0.5 * SAMPLE_INTERVAL_S);
+            configured.at(&temperatures.interval(start_s, start_s + SAMPLE_INTERVAL_S))
+        };
+        let effects = if configured.courses.is_empty() { configured.constant } else { at_start() };
+        self.unit = self.faults.moved(effects, EffectList::Unit, None);
         self.timing = self.unit.timing().last().copied().unwrap_or_default();
         self.end_fs = self.start_fs + (SAMPLE_INTERVAL_FS / (1.0 + self.timing.clock_error)).round() as i128;
     }
