@@ -193,7 +193,7 @@ fn tshark_reads_can_frames_and_checks_status_with_the_increments_before_it() {
     let mut packets = Vec::new();
     for sample in samples() {
         for frame in plan.frames(&sample) {
-            packets.push(socketcan(frame.id().into(), frame.data()));
+            packets.push(socketcan(frame.id(), frame.data()));
             packets.push(socketcan(0x123, &[1, 2, 3]));
         }
     }

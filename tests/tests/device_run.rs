@@ -211,7 +211,8 @@ fn what_a_unit_cannot_have_is_refused_with_the_reason() {
     refused(&stim(""), &["config", "check", "--device", "tetrad"], "Skewed tetrad, got Safran");
     refused(&stim("[[motion]]\nx_deg_s = 1\n"), &check, "duration_s");
     // Limits grow with the range, 2000 times that of the default unit.
-    fs::write(&file, stim("[gyro.X]\ndrift = { arcsec_per_h = 900000.0 }\nscale-factor = { ppm = 5000.0 }\n")).expect("a file");
+    fs::write(&file, stim("[gyro.X]\ndrift = { arcsec_per_h = 900000.0 }\nscale-factor = { ppm = 5000.0 }\n"))
+        .expect("a file");
     let output = run(&check, &[&file]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     refused(&stim("[gyro.X]\ndrift = { arcsec_per_h = 1300000.0 }\n"), &check, "within ±1200000");

@@ -324,11 +324,14 @@ impl GyroUnit {
 
     /// Schedules the end of the sample interval that begins: 1/(1 + ε) of its nominal length after its start, true time.
     fn schedule_end(&mut self) {
-        let start_s = self.start_fs as f64 * 1e-15;
-        let interval_s = self.configuration.device.interval_s;
-        let temperatures = self.temperatures(start_s + 0.5 * interval_s);
-        let interval = temperatures.interval(start_s, start_s + interval_s);
-        self.unit = self.faults.moved(self.configuration.unit.at(&interval), EffectList::Unit, None);
+        let (configured, interval_s) = (&self.configuration.unit, self.configuration.device.interval_s);
+        let at_start = || {
+            let start_s = self.start_fs as f64 * 1e-15;
+            let temperatures = self.temperatures(start_s + 0.5 * interval_s);
+            configured.at(&temperatures.interval(start_s, start_s + interval_s))
+        };
+        let effects = if configured.courses.is_empty() { configured.constant } else { at_start() };
+        self.unit = self.faults.moved(effects, EffectList::Unit, None);
         self.timing = self.unit.timing().last().copied().unwrap_or_default();
         self.end_fs = self.start_fs + (interval_s * FS / (1.0 + self.timing.clock_error)).round() as i128;
     }

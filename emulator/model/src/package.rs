@@ -174,7 +174,7 @@ impl Package {
     ) -> [f64; MAX_HEADS] {
         let length_s: f64 = steps.iter().map(|step| step.counted.length_s).sum();
         for (gyro, states) in gyros.iter().zip(&mut self.heads).filter(|(gyro, _)| gyro.computed.effects != 0) {
-            gyro.effects.begin(states, temperatures, length_s);
+            gyro.effects.begin(gyro.computed.effects, states, temperatures, length_s);
         }
         let timings = unit.timing();
         let timing = timings.last().copied().unwrap_or_default();

@@ -196,7 +196,7 @@ mod tests {
             })
         };
         for (index, frame) in frames.iter().enumerate() {
-            assembler.push(plan.role(frame.id().into()), index, frame.data(), &mut see);
+            assembler.push(plan.role(frame.id()), index, frame.data(), &mut see);
         }
         assembler.finish(&mut see);
         found

@@ -318,7 +318,7 @@ mod tests {
 
     #[test]
     fn the_tables_of_short_frames_give_the_value_of_the_algorithm() {
-        let bytes: Vec<u8> = (0..100u32).map(|index| (index * index * 37 >> 3) as u8).collect();
+        let bytes: Vec<u8> = (0..100u32).map(|index| ((index * index * 37) >> 3) as u8).collect();
         for name in
             ["CRC-8/SAE-J1850", "CRC-8/MAXIM-DOW", "CRC-16/DNP", "CRC-24/BLE", "CRC-32/MPEG-2", "CRC-32/ISO-HDLC"]
         {

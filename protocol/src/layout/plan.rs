@@ -91,7 +91,7 @@ mod tests {
             let field = Field::new(0, place).scaled(scale, if is_scaled { 0.0 } else { -40.0 });
             let bytes = &bytes[..place.end() + more];
             let mut values = [f64::NAN];
-            FieldPlan::new(&[field.clone()], bytes.len()).read(bytes, &mut values);
+            FieldPlan::new(std::slice::from_ref(&field), bytes.len()).read(bytes, &mut values);
             prop_assert!(values[0] == field.read(bytes) || field.read(bytes).is_nan() && values[0].is_nan());
         }
     }

@@ -11,7 +11,7 @@ use nalgebra::DVector;
 
 use crate::course_list::CourseList;
 use crate::courses::Mode;
-use crate::linear_algebra::dot;
+use crate::linear_algebra::{dot, dots};
 use crate::measured::CHANNELS;
 use crate::normal_equations::{NormalEquations, ProjectedSignature};
 use crate::signature_bank::{ConstantSignature, SignatureBank};
@@ -40,7 +40,10 @@ impl CourseProducts {
         let mut products = CourseProducts { courses: Default::default(), both: Vec::new() };
         reached.iter().for_each(|&channel| products.courses[channel] = vec![Vec::new(); list.courses.len()]);
         let forms: Option<Vec<&Forms>> = reached.iter().map(|&channel| normal.whitening(channel).forms()).collect();
-        let both = products.whiten(bank, base, list, normal, &list.whitened(LANES, forms.is_some()));
+        let groups = list.whitened(LANES, forms.is_some());
+        let is_alone = groups.iter().all(|group| group.len() == 1);
+        let whiten = if is_alone { Self::whiten::<1> } else { Self::whiten::<LANES> };
+        let both = whiten(&mut products, bank, base, list, normal, &groups);
         for (&channel, forms) in reached.iter().zip(forms.into_iter().flatten()) {
             products.tails(bank, base, list, normal, channel, forms);
         }
@@ -49,7 +52,7 @@ impl CourseProducts {
     }
 
     /// Whitens these courses; returns the products of each pair.
-    fn whiten(
+    fn whiten<const LANES: usize>(
         &mut self,
         bank: &SignatureBank,
         base: &ConstantSignature,
@@ -86,7 +89,7 @@ impl CourseProducts {
                     let before = std::mem::replace(&mut before, own);
                     std::array::from_fn(|lane| own[lane] - falls * before[lane])
                 };
-                let (mut squares, mut mixed) = ([0.0; LANES], [0.0; LANES / 2]);
+                let (mut squares, mut mixed) = ([0.0; LANES], [0.0; LANES]);
                 let mut white_steps: Vec<Vec<f64>> = vec![Vec::new(); group.len()];
                 let keeps = is_step(group[0]);
                 normal.whitening(channel).pass(from..bank.block_count(), increments, |block, white: [f64; LANES]| {
@@ -160,7 +163,7 @@ impl CourseProducts {
 }
 
 /// Sums of the factors times the values of each course.
-fn products_with(factors: &[f64], values: &[[f64; LANES]]) -> [f64; LANES] {
+fn products_with<const LANES: usize>(factors: &[f64], values: &[[f64; LANES]]) -> [f64; LANES] {
     let mut sums = [0.0; LANES];
     for (factor, values) in factors.iter().zip(values) {
         sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += factor * value);
@@ -210,6 +213,13 @@ struct KeptChannel {
     others: Vec<(usize, Vec<f64>)>,
 }
 
+impl KeptChannel {
+    /// Factors for the product with the residual, then for those with the other nuisances.
+    fn factors(&self) -> impl Iterator<Item = &[f64]> {
+        std::iter::once(&self.residual).chain(self.others.iter().map(|own| &own.1)).map(|factors| &factors[..])
+    }
+}
+
 impl KeptProducts {
     /// Products of a signature on these channels.
     pub fn new(
@@ -245,20 +255,22 @@ impl KeptProducts {
         from: usize,
         values: Option<&[f64]>,
     ) -> [Option<ProjectedSignature>; CHANNELS] {
-        let product = |factors: &[f64]| match values {
-            Some(values) => dot(values, &factors[from..]),
-            None => factors.iter().sum(),
-        };
+        let all = self.channels.iter().flatten().flat_map(KeptChannel::factors);
+        let all: Vec<&[f64]> = all.map(|factors| &factors[from..]).collect();
+        let two = |own: &[&[f64]]| products_of(values, [own[0], own[own.len() - 1]]).into_iter().take(own.len());
+        let mut products = all.chunks(2).flat_map(two);
         std::array::from_fn(|channel| {
             let own = self.channels[channel].as_ref()?;
+            let residual = products.next()?;
+            let others: Vec<f64> = products.by_ref().take(own.others.len()).collect();
             let (square, kept) = self.products.courses[channel][place].split_first()?;
             if *square <= 0.0 {
                 return None;
             }
             let mut sums = DVector::zeros(normal.nuisances());
             own.places.iter().zip(kept).for_each(|(place, product)| sums[*place] = *product);
-            own.others.iter().for_each(|(place, factors)| sums[*place] = product(factors));
-            Some(normal.project_sums(*square, product(&own.residual), &sums))
+            own.others.iter().zip(others).for_each(|((place, _), product)| sums[*place] = product);
+            Some(normal.project_sums(*square, residual, &sums))
         })
     }
 
@@ -266,6 +278,15 @@ impl KeptProducts {
     pub fn both(&mut self) -> [f64; CHANNELS] {
         self.both += 1;
         self.products.both[self.both - 1]
+    }
+}
+
+/// Products of two series of factors with these values, or with 1.
+fn products_of(values: Option<&[f64]>, factors: [&[f64]; 2]) -> [f64; 2] {
+    let [one, other] = factors;
+    match values {
+        Some(values) => dots(values, factors),
+        None => one.iter().zip(other).fold([0.0; 2], |sums, (one, other)| [sums[0] + one, sums[1] + other]),
     }
 }
 

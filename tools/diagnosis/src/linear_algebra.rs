@@ -31,14 +31,27 @@ pub(crate) fn increment_products(one: &[f64], other: &[f64]) -> [f64; 3] {
 }
 
 pub(crate) fn dot(one: &[f64], other: &[f64]) -> f64 {
-    // Four sums, so that the processor need not wait for one.
-    let mut sums = [0.0; 4];
-    let (ones, others) = (one.chunks_exact(4), other.chunks_exact(4));
-    let rest: f64 = ones.remainder().iter().zip(others.remainder()).map(|(a, b)| a * b).sum();
-    for (a, b) in ones.zip(others) {
-        for lane in 0..4 {
-            sums[lane] += a[lane] * b[lane];
+    let [product] = dots(one, [other]);
+    product
+}
+
+/// Products of one series with several.
+pub(crate) fn dots<const COUNT: usize>(one: &[f64], others: [&[f64]; COUNT]) -> [f64; COUNT] {
+    // Four sums for each, so that the processor need not wait for one.
+    let mut sums = [[0.0; 4]; COUNT];
+    let length = others.iter().fold(one.len(), |length, other| length.min(other.len()));
+    let (ones, ones_rest) = one[..length].as_chunks::<4>();
+    let others = others.map(|other| other[..length].as_chunks::<4>());
+    for (place, a) in ones.iter().enumerate() {
+        for (sums, (others, _)) in sums.iter_mut().zip(&others) {
+            let b = &others[place];
+            for lane in 0..4 {
+                sums[lane] += a[lane] * b[lane];
+            }
         }
     }
-    sums.iter().sum::<f64>() + rest
+    std::array::from_fn(|place| {
+        let rest: f64 = ones_rest.iter().zip(others[place].1).map(|(a, b)| a * b).sum();
+        sums[place].iter().sum::<f64>() + rest
+    })
 }

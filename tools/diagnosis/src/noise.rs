@@ -176,8 +176,8 @@ struct WhiteNuisances {
 impl WhiteNuisances {
     fn new(case: &DiagnosisCase, channel: usize, blocks: &[Block], nuisances: &[Nuisance], noise: &NoiseModel) -> Self {
         let whitening = Whitening::new(noise, blocks, &case.rounding[channel]);
-        let own = nuisances.iter().filter_map(|column| column[channel].as_deref());
-        let columns: Vec<Vec<f64>> = own.map(|column| whitening.apply(column)).collect();
+        let own: Vec<&[f64]> = nuisances.iter().filter_map(|column| column[channel].as_deref()).collect();
+        let columns = whitening.apply_all(&own);
         let mut gram = DMatrix::zeros(columns.len(), columns.len());
         for (i, one) in columns.iter().enumerate() {
             columns[..=i].iter().enumerate().for_each(|(j, other)| gram[(i, j)] = dot(one, other));
@@ -194,10 +194,13 @@ impl WhiteNuisances {
     /// −2 ln of the likelihood of the channel's residual with the nuisances integrated out; the part of one channel in
     /// [`crate::normal_equations::NormalEquations::deviance`].
     fn deviance(&self, residual: &[f64]) -> f64 {
-        let white = self.whitening.apply(residual);
-        let right = DVector::from_iterator(self.columns.len(), self.columns.iter().map(|column| dot(column, &white)));
+        self.deviance_of_white(&self.whitening.apply(residual))
+    }
+
+    fn deviance_of_white(&self, white: &[f64]) -> f64 {
+        let right = DVector::from_iterator(self.columns.len(), self.columns.iter().map(|column| dot(column, white)));
         let solved = lower(&self.factor, &self.scale.component_mul(&right));
-        dot(&white, &white) - solved.norm_squared() + self.log_determinant
+        dot(white, white) - solved.norm_squared() + self.log_determinant
     }
 }
 
@@ -225,11 +228,13 @@ pub fn falls(
     let Some(start) = start(case, channel, noise, walk) else { return vec![0.0; residuals.len()] };
     let blocks = &case.measured.blocks[channel];
     let min = min_white(channel);
+    let own_residuals: Vec<&[f64]> = residuals.iter().map(|residual| &residual[channel][..]).collect();
     let at = |noise: &NoiseModel| -> Vec<f64> {
         let of_white = |factor: i32| {
             let white = (noise.white * (WHITE_STEP * f64::from(factor)).exp()).max(min);
             let own = WhiteNuisances::new(case, channel, blocks, nuisances, &NoiseModel { white, ..*noise });
-            residuals.iter().map(|residual| own.deviance(&residual[channel])).collect::<Vec<f64>>()
+            let white = own.whitening.apply_all(&own_residuals);
+            white.iter().map(|white| own.deviance_of_white(white)).collect::<Vec<f64>>()
         };
         let [below, middle, above] = [-1, 0, 1].map(of_white);
         (0..residuals.len()).map(|run| lowest(below[run], middle[run], above[run])).collect()

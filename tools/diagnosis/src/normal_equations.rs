@@ -335,7 +335,7 @@ fn whitened(filters: &[Whitening; CHANNELS], from: usize, series: [Option<&[f64]
     let mut white = Nuisance::default();
     for some in reached.chunks(2) {
         let both = [some[0], some[some.len() - 1]];
-        let values = Whitening::apply_both(both.map(|own| &filters[own.0]), from, both.map(|own| own.1));
+        let values = Whitening::apply_each(both.map(|own| &filters[own.0]), from, both.map(|own| own.1));
         both.into_iter().zip(values).for_each(|((channel, _), values)| white[channel] = Some(values));
     }
     white

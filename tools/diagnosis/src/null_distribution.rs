@@ -194,8 +194,7 @@ fn of_base(
             }
         }
     };
-    let products =
-        |channel: usize, variation: &Variation, white: Option<&Column>| recordings.products(channel, variation, white);
+    let products = |channel: usize, place: usize, white: Option<&Column>| recordings.products(channel, place, white);
     sweep(bank, normal, base, [true; CHANNELS], products, push);
     largest
 }

@@ -3,17 +3,24 @@
 //! Steps and courses that decay are sums from their onset to the end, in which the value of each block is that of the block before times a
 //! constant: one pass from the end gives the sums of all onsets.
 
+use std::borrow::Cow;
 use std::cmp::Reverse;
 use std::collections::HashMap;
 
+use crate::course_list::CourseList;
 use crate::course_products::of_value;
-use crate::courses::Variation;
+use crate::courses::{Mode, Variation};
 use crate::measured::{CHANNELS, Series};
 use crate::normal_equations::NormalEquations;
 use crate::signature_bank::{Column, ConstantSignature, SignatureBank};
 
 /// Number of null recordings.
 pub const RUNS: usize = 128;
+
+/// Blocks that are added for all courses before the next ones: their derivatives fit into the cache of a core.
+const AT_ONCE: usize = 32;
+/// Recordings of which the sums fit into registers.
+const LANES: usize = 32;
 
 /// A value for each null recording.
 pub type OfRuns = [f32; RUNS];
@@ -46,9 +53,12 @@ pub fn null_channels(normal: &NormalEquations, drawn: &[Series]) -> [NullChannel
 pub struct NullProducts<'a> {
     bank: &'a SignatureBank,
     base: &'a ConstantSignature,
+    list: CourseList,
     channels: &'a [NullChannel; CHANNELS],
     /// For each channel, of courses that decay: the sums from a block on, by the bits of the decay and the block.
     tails: [HashMap<(u64, usize), OfRuns>; CHANNELS],
+    /// For each channel, of the other kept courses, by their places.
+    others: [HashMap<usize, OfRuns>; CHANNELS],
 }
 
 impl<'a> NullProducts<'a> {
@@ -58,10 +68,13 @@ impl<'a> NullProducts<'a> {
         base: &'a ConstantSignature,
         channels: &'a [NullChannel; CHANNELS],
     ) -> NullProducts<'a> {
-        let mut products = NullProducts { bank, base, channels, tails: Default::default() };
-        let variations = bank.variations(base);
-        let mut tails: Vec<(u64, usize)> = variations.iter().filter_map(Variation::tail).collect();
+        let list = CourseList::new(bank, base);
+        let mut tails: Vec<(u64, usize)> = list.courses.iter().filter_map(Variation::tail).collect();
         tails.sort_by_key(|(decay, from)| (*decay, Reverse(*from)));
+        let is_other = |place: &usize| list.is_kept(*place) && list.courses[*place].tail().is_none();
+        let others: Vec<usize> = (0..list.courses.len()).filter(is_other).collect();
+        let (kept_tails, kept_others) = Default::default();
+        let mut products = NullProducts { bank, base, list, channels, tails: kept_tails, others: kept_others };
         for channel in (0..CHANNELS).filter(|&channel| base.reaches(channel)) {
             for same in tails.chunk_by(|one, other| one.0 == other.0) {
                 let (mut done, mut sums) = (bank.block_count(), [0.0; RUNS]);
@@ -73,12 +86,18 @@ impl<'a> NullProducts<'a> {
                     products.tails[channel].insert((decay, from), sums);
                 }
             }
+            let of_others = products.sums(channel, &others);
+            products.others[channel] = others.iter().copied().zip(of_others).collect();
         }
         products
     }
 
-    /// Products of a time course on a channel, `white` where it is whitened.
-    pub fn products(&self, channel: usize, variation: &Variation, white: Option<&Column>) -> OfRuns {
+    /// Products of the course at a place of the list on a channel, `white` where it is whitened.
+    pub fn products(&self, channel: usize, place: usize, white: Option<&Column>) -> OfRuns {
+        if let Some(sums) = self.others[channel].get(&place) {
+            return *sums;
+        }
+        let variation = &self.list.courses[place];
         let (from, values) = (variation.first_block(), self.bank.values(self.base, variation));
         if let (Some(key), Some(values)) = (variation.tail(), &values) {
             let (first, last) = values.split_at(values.len().min(key.1 - from));
@@ -88,13 +107,44 @@ impl<'a> NullProducts<'a> {
             first.iter().zip(from..).for_each(|(value, block)| self.add(channel, block, *value, 1.0, &mut sums));
             return sums;
         }
-        if let Some(white) = white {
-            return product(&white.values, &self.channels[channel].white[white.from..]);
-        }
-        let mut sums = [0.0; RUNS];
-        for block in from..self.bank.block_count() {
-            let value = values.as_ref().map_or(1.0, |values| values[block - from]);
-            self.add(channel, block, value, 1.0, &mut sums);
+        white.map_or([0.0; RUNS], |white| product(&white.values, &self.channels[channel].white[white.from..]))
+    }
+
+    /// Products of the courses at these places on a channel.
+    fn sums(&self, channel: usize, places: &[usize]) -> Vec<OfRuns> {
+        let course = |place: &usize| {
+            let course = &self.list.courses[*place];
+            (course.first_block(), self.bank.values(self.base, course))
+        };
+        let courses: Vec<_> = places.iter().map(course).collect();
+        let derivatives = &self.channels[channel].derivatives;
+        let mut sums = vec![[0.0; RUNS]; places.len()];
+        for first in (0..self.bank.block_count()).step_by(AT_ONCE) {
+            let blocks = first..self.bank.block_count().min(first + AT_ONCE);
+            let later = derivatives[first + 1..].iter();
+            let falling = |(own, next): (&OfRuns, &OfRuns)| std::array::from_fn(|run| own[run] - next[run]);
+            let derivatives = match self.base.mode {
+                Mode::Rate => Cow::Borrowed(&derivatives[blocks.clone()]),
+                Mode::Level => Cow::Owned(derivatives[blocks.clone()].iter().zip(later).map(falling).collect()),
+            };
+            for ((from, values), sums) in courses.iter().zip(&mut sums) {
+                let size = |block: usize| {
+                    let value = match values {
+                        Some(values) => block.checked_sub(*from).map_or(0.0, |index| values[index]),
+                        None => 1.0,
+                    };
+                    (value * of_value(&self.base.series[channel], self.base.mode, block).0) as f32
+                };
+                let sizes: Vec<f32> = blocks.clone().map(size).collect();
+                for (lanes, sums) in sums.chunks_exact_mut(LANES).enumerate() {
+                    let mut own: [f32; LANES] = std::array::from_fn(|lane| sums[lane]);
+                    for (size, runs) in sizes.iter().zip(derivatives.iter()) {
+                        let runs = &runs[lanes * LANES..][..LANES];
+                        own.iter_mut().zip(runs).for_each(|(sum, run)| *sum += size * run);
+                    }
+                    sums.copy_from_slice(&own);
+                }
+            }
         }
         sums
     }
@@ -124,7 +174,6 @@ fn product(values: &[f64], recordings: &[OfRuns]) -> OfRuns {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::courses::Mode;
 
     use std::sync::Arc;
 
@@ -181,13 +230,13 @@ mod tests {
         for base in bank.bases.iter().filter(|base| base.is_linear) {
             let products = NullProducts::new(&bank, base, &channels);
             let is_kept = |own: &&Variation| own.is_of_time() && !matches!(own, Variation::Onset { .. });
-            for variation in bank.variations(base).iter().filter(is_kept) {
+            for (place, variation) in products.list.courses.iter().enumerate().filter(|own| is_kept(&own.1)) {
                 for (channel, column) in bank.columns(base, variation).into_iter().enumerate() {
                     let Some(Column { from, values }) = column else { continue };
                     let values = case.whitenings(&noise)[channel].apply_from(from, &values);
                     let expected = product(&values, &channels[channel].white[from..]);
                     let size = values.iter().map(|value| value * value).sum::<f64>().sqrt() as f32 * 504.0;
-                    let found = products.products(channel, variation, None);
+                    let found = products.products(channel, place, None);
                     // Rounding of f32 sums over 360 blocks; a block more or less would change them by one in twenty.
                     let is_equal = |(one, other): (&f32, &f32)| (one - other).abs() <= 1e-3 * size;
                     assert!(found.iter().zip(&expected).all(is_equal), "{:?} {variation:?}", base.amplitude);

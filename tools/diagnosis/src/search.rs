@@ -154,8 +154,7 @@ pub fn best_spots(
 fn is_possible(bank: &SignatureBank, state: &ModelState, spot: &Spot) -> bool {
     let amplitude = spot.amplitude(bank);
     let is_held = state.held.iter().any(|held| held.hypothesis.conflicts(amplitude, &spot.gyros));
-    let is_in_model = !is_held && spot.hypothesis(bank).is_within_limits();
-    is_in_model && spot.is_valid(bank) && spot.is_physical(bank, state)
+    !is_held && spot.is_valid(bank) && spot.hypothesis(bank).is_within_limits() && spot.is_physical(bank, state)
 }
 
 /// χ² reduction less the penalties.

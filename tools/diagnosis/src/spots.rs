@@ -225,8 +225,12 @@ pub fn spots(
 ) -> Vec<Spot> {
     let base = &bank.bases[index];
     let mut best: Vec<Spot> = Vec::new();
+    let mut last = ([false; CHANNELS], Vec::new());
     let push = |variation: &Variation, swept: &Swept<()>| {
-        for gyros in sets(swept.reached()) {
+        if last.1.is_empty() || last.0 != swept.reached() {
+            last = (swept.reached(), sets(swept.reached()));
+        }
+        for &gyros in &last.1 {
             let Some(gain) = swept.gain(|channel| reaches(&base.amplitude, &gyros, channel)) else { continue };
             let is_same = |other: &Spot| other.variation.kind() == variation.kind() && other.gyros == gyros;
             let place = best.iter().position(is_same);

@@ -115,14 +115,14 @@ impl<T: Linear> Swept<T> {
     }
 }
 
-/// Passes each time course of a signature on these channels to `push`. `linear` is evaluated for it on a channel, with its whitened signature
-/// if its products are not kept.
+/// Passes each time course of a signature on these channels to `push`. `linear` is evaluated for it on a channel, by its place in the list of
+/// courses, with its whitened signature if its products are not kept.
 pub fn sweep<T: Linear>(
     bank: &SignatureBank,
     normal: &NormalEquations,
     base: &ConstantSignature,
     has: [bool; CHANNELS],
-    linear: impl Fn(usize, &Variation, Option<&Column>) -> T,
+    linear: impl Fn(usize, usize, Option<&Column>) -> T,
     mut push: impl FnMut(&Variation, &Swept<T>),
 ) {
     let list = CourseList::new(bank, base);
@@ -138,7 +138,7 @@ pub fn sweep<T: Linear>(
             false => whitened(bank, normal, base, has, variation),
         };
         let of_channel =
-            |channel: usize| parts[channel].as_ref().map(|_| linear(channel, variation, white[channel].as_ref()));
+            |channel: usize| parts[channel].as_ref().map(|_| linear(channel, place, white[channel].as_ref()));
         let swept = Swept::new(&parts, std::array::from_fn(of_channel));
         (parts, swept)
     };

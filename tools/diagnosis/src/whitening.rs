@@ -109,26 +109,33 @@ impl Whitening {
 
     /// Whitens a series that is 0 before the block `from`; `series` contains the blocks from there on.
     pub fn apply_from(&self, from: usize, series: &[f64]) -> Vec<f64> {
-        let [white, _] = Whitening::apply_both([self; 2], from, [series; 2]);
+        let [white] = Whitening::apply_each([self], from, [series]);
         white
     }
 
-    /// Whitens a series by each of two filters. An innovation waits for the one before, so that two take as long as one.
-    pub fn apply_both(filters: [&Whitening; 2], from: usize, series: [&[f64]; 2]) -> [Vec<f64>; 2] {
-        match filters.iter().any(|own| !own.slow_gains.is_empty()) {
-            true => Whitening::apply_with::<true>(filters, from, series),
-            false => Whitening::apply_with::<false>(filters, from, series),
-        }
+    /// Whitens several series of equal length.
+    pub fn apply_all(&self, series: &[&[f64]]) -> Vec<Vec<f64>> {
+        const AT_ONCE: usize = 4;
+        let some = |own: &[&[f64]]| {
+            let all: [_; AT_ONCE] = std::array::from_fn(|place| own[place.min(own.len() - 1)]);
+            Whitening::apply_each([self; AT_ONCE], 0, all).into_iter().take(own.len())
+        };
+        series.chunks(AT_ONCE).flat_map(some).collect()
     }
 
-    fn apply_with<const FLICKER: bool>(filters: [&Whitening; 2], from: usize, series: [&[f64]; 2]) -> [Vec<f64>; 2] {
-        let blocks = series[0].len().min(series[1].len());
+    /// Whitens each series by its own filter. An innovation waits for the one before, so that several take as long as one.
+    pub fn apply_each<const COUNT: usize>(
+        filters: [&Whitening; COUNT],
+        from: usize,
+        series: [&[f64]; COUNT],
+    ) -> [Vec<f64>; COUNT] {
+        let blocks = series.iter().map(|own| own.len()).min().unwrap_or(0);
         let (steps, series) = (filters.map(|own| &own.steps[from..from + blocks]), series.map(|own| &own[..blocks]));
         let slow_gains = filters.map(|own| own.slow_gains.get(from..).unwrap_or_default());
         let decays = slow_decays();
         // What the innovation before leaves in this one, the turn by the rate, and the rounding error.
-        let [mut left, mut turn, mut error, mut before, mut predicted] = [[0.0; 2]; 5];
-        let mut slow_turns = [[0.0; SLOW]; 2];
+        let [mut left, mut turn, mut error, mut before, mut predicted] = [[0.0; COUNT]; 5];
+        let mut slow_turns = [[0.0; SLOW]; COUNT];
         let mut white = series.map(|_| vec![0.0; blocks]);
         for block in 0..blocks {
             for (own, white) in white.iter_mut().enumerate() {
@@ -139,7 +146,7 @@ impl Whitening {
                 predicted[own] = turn[own] + (step.persistence - 1.0) * error[own];
                 turn[own] += step.gains[0] * innovation;
                 error[own] = step.persistence * error[own] + step.gains[1] * innovation;
-                if FLICKER && let Some(gains) = slow_gains[own].get(block) {
+                if let Some(gains) = slow_gains[own].get(block) {
                     for ((turn, decay), gain) in slow_turns[own].iter_mut().zip(decays).zip(gains) {
                         predicted[own] += *turn;
                         *turn = decay * *turn + gain * innovation;

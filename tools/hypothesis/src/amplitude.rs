@@ -178,6 +178,13 @@ impl AmplitudeRef {
         self.kind.and_then(|kind| COURSES[kind].size(self.spec(), self.numbers(), self.index())).unwrap_or(constant)
     }
 
+    /// Limits of its value.
+    pub fn limits(&self) -> (f64, f64) {
+        let number = self.number();
+        let of_course = |kind: usize| COURSES[kind].size_limits(self.spec(), self.numbers(), self.index());
+        self.kind.and_then(of_course).unwrap_or((number.min, number.max))
+    }
+
     /// The other gyro that a value of it names.
     pub fn gyro_named(&self, value: f64) -> Option<Gyro> {
         if self.number().form == ValueFormat::Gyro { named_gyro(value) } else { None }

@@ -178,7 +178,7 @@ impl Hypothesis {
 
     /// True if a configuration accepts the parameters.
     pub fn is_within_limits(&self) -> bool {
-        let Size { min, max, .. } = self.amplitude.size();
+        let (min, max) = self.amplitude.limits();
         let own = self.amplitude.own_shapes().iter().zip(&self.own_shapes);
         let mut shapes = own.chain(self.amplitude.course_shapes().iter().zip(&self.course_shapes));
         let are_within = shapes.all(|(number, value)| (number.min..=number.max).contains(value));

@@ -67,7 +67,7 @@ mod tests {
         }
         assert!(others.likely().is_none());
         for frame in plan.frames(&Sample::default()) {
-            others.push(frame.id().into(), frame.data());
+            others.push(frame.id(), frame.data());
         }
         assert_eq!(others.likely(), Some(plan));
         assert_eq!(others.ids(), [0x100, 0x101, 0x300, 0x301, 0x302].into());

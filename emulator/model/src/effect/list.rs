@@ -138,8 +138,13 @@ macro_rules! effect_list {
                 [$($field as &dyn ParameterSet),*][index]
             }
             fn numbers_mut(&mut self, index: usize) -> &mut dyn ParameterSet {
-                let Self { $($field),* } = self;
-                [$($field as &mut dyn ParameterSet),*].into_iter().nth(index).expect("index of SPECS")
+                let mut place = 0..;
+                $(
+                    if place.next() == Some(index) {
+                        return &mut self.$field;
+                    }
+                )*
+                unreachable!("index of SPECS")
             }
             fn consistency_error(&self, index: usize) -> Option<(&'static str, String)> {
                 let Self { $($field),* } = self;
@@ -222,11 +227,18 @@ macro_rules! head_effects {
         }
 
         impl GyroEffects {
-            /// Before the first sub-step of a sample of true length `length_s`.
+            /// Before the first sub-step of a sample of true length `length_s`: effects that have a bit in `active`.
             #[inline]
-            pub fn begin(&self, states: &mut HeadStates, temperatures: &Temperatures, length_s: f64) {
+            pub fn begin(&self, active: u32, states: &mut HeadStates, temperatures: &Temperatures, length_s: f64) {
                 let Self { $($field),* } = self;
-                $($field.begin(&mut states.$field, temperatures, length_s);)*
+                let mut bit = 1;
+                $(
+                    if active & bit != 0 {
+                        $field.begin(&mut states.$field, temperatures, length_s);
+                    }
+                    bit = bit.wrapping_shl(1);
+                )*
+                let _ = bit;
             }
 
             /// Lets the effects act on the head, in order, that have a bit in `active`.

@@ -52,9 +52,27 @@ impl GyroUnit {
         GyroUnit { computed: (0..gyros.len()).map(of_gyro).collect(), ..unit }
     }
 
+    /// True if no effect or fault moves its sample intervals or its motion.
+    pub fn keeps_time(&self) -> bool {
+        self.configuration.unit.active() == 0 && self.faults().is_empty()
+    }
+
+    /// The sub-steps of the next samples.
+    pub fn sub_steps(&self, samples: usize) -> Vec<SubStep> {
+        let (mut unit, each) = (self.clone(), self.steps.len());
+        let mut all = vec![SubStep::default(); samples * each];
+        for steps in all.chunks_mut(each) {
+            unit.advance::<()>(unit.start_fs as f64 * 1e-15, unit.end_fs as f64 * 1e-15, steps);
+            unit.start_fs = unit.end_fs;
+            unit.begin();
+        }
+        all
+    }
+
     /// Ends the running sample interval of units that differ in their gyros alone and begins the next, without flags, wiring faults and
-    /// self-test; returns its scheduled end, ns, or 0 without units. The first unit follows the motion for all of them.
-    pub fn count_samples(units: &mut [GyroUnit]) -> i64 {
+    /// self-test; returns its scheduled end, ns, or 0 without units. The first unit follows the motion for all of them, unless `known` has
+    /// [`GyroUnit::sub_steps`] from its start on.
+    pub fn count_samples(units: &mut [GyroUnit], known: Option<&[SubStep]>) -> i64 {
         let Some(first) = units.first_mut() else { return 0 };
         let end_ns = first.running_end_ns();
         if !first.faults().is_empty() {
@@ -66,17 +84,24 @@ impl GyroUnit {
         let (start_s, end_s) = (first.start_fs as f64 * 1e-15, first.end_fs as f64 * 1e-15);
         let temperatures = first.temperatures(0.5 * (start_s + end_s));
         let interval = temperatures.interval(start_s, end_s);
-        let mut steps = std::mem::take(&mut first.steps);
-        let truths = first.advance::<()>(start_s, end_s, &mut steps);
+        let mut storage = std::mem::take(&mut first.steps);
+        let place = first.ended as usize * storage.len();
+        let (steps, truths) = match known {
+            Some(known) => (&known[place..place + storage.len()], Vec::new()),
+            None => {
+                let truths = first.advance::<()>(start_s, end_s, &mut storage);
+                (&storage[..], truths)
+            }
+        };
         debug_assert!(units.iter().all(|unit| unit.running_end_ns() == end_ns));
         for unit in units.iter_mut() {
-            let counts = unit.count(&temperatures, &interval, &steps, &truths, &mut [(); MAX_HEADS]);
+            let counts = unit.count(&temperatures, &interval, steps, &truths, &mut [(); MAX_HEADS]);
             unit.channels.iter_mut().zip(counts).for_each(|(channel, counts)| channel.accumulated += counts);
             unit.ended += 1;
             unit.start_fs = unit.end_fs;
             unit.begin();
         }
-        units[0].steps = steps;
+        units[0].steps = storage;
         end_ns
     }
 

@@ -98,7 +98,7 @@ fn a_unit_that_follows_measured_temperatures_counts_as_any_other() {
         let mut units = both.each_ref().map(GyroUnit::new);
         for _ in 0..4000 {
             let ends_ns = units.each_mut().map(|unit| unit.end_sample().end_ns);
-            assert_eq!([GyroUnit::count_samples(&mut following); 2], ends_ns);
+            assert_eq!([GyroUnit::count_samples(&mut following, None); 2], ends_ns);
         }
         for (following, unit) in following.iter().zip(&units) {
             let [counts, others] = [following, unit].map(|unit| unit.accumulated_counts().collect::<Vec<f64>>());

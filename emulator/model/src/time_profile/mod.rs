@@ -50,15 +50,19 @@ impl TimeProfileSpec {
     /// name of a gyro have steps only.
     pub fn size(&self, effect: &EffectSpec, numbers: &[ParameterSpec], amplitude: usize) -> Option<Size> {
         let number = &numbers[amplitude];
-        if number.form != ValueFormat::Real && self.name != "-step" {
-            return None;
-        }
-        let (min, max) = (self.limits)(number, &effect.amplitudes[amplitude]);
+        let (min, max) = self.size_limits(effect, numbers, amplitude)?;
         let key = (self.key)(number.name);
         // Beside a shape of the same key.
         let is_taken = self.shapes.iter().any(|shape| shape.name == key);
         let name = if is_taken { format!("amplitude_{key}") } else { key };
         Some(Size { name, form: number.form, min, max })
+    }
+
+    /// Limits of that size.
+    pub fn size_limits(&self, effect: &EffectSpec, numbers: &[ParameterSpec], amplitude: usize) -> Option<(f64, f64)> {
+        let number = &numbers[amplitude];
+        let has_course = number.form == ValueFormat::Real || self.name == "-step";
+        has_course.then(|| (self.limits)(number, &effect.amplitudes[amplitude]))
     }
 
     /// The profile with these values of [`TimeProfileSpec::shapes`].

@@ -28,7 +28,7 @@ impl MeasuredData {
             let unit = |(configuration, run): &(&Configuration, &mut CachedRun)| {
                 self.unit(std::array::from_fn(|gyro| run.channels[gyro].is_none()), configuration, shifts)
             };
-            let counted = self.count(same.iter().map(unit).collect());
+            let counted = self.count(same.iter().map(unit).collect(), shifts.lag_s);
             for ((_, run), counted) in same.iter_mut().zip(counted) {
                 run.channels.iter_mut().zip(counted).for_each(|(known, counted)| {
                     known.get_or_insert_with(|| Arc::new(counted));
@@ -40,11 +40,13 @@ impl MeasuredData {
     }
 
     /// Runs units that differ in their gyros alone.
-    fn count(&self, mut units: Vec<GyroUnit>) -> Vec<Series> {
+    fn count(&self, mut units: Vec<GyroUnit>, lag_s: f64) -> Vec<Series> {
+        let known = self.runs.sub_steps(&units[0], lag_s, self.samples);
+        let known = known.as_ref().map(|known| &known[..]);
         let start = || std::array::from_fn(|_| vec![0.0; self.samples + 1]);
         let mut all: Vec<Series> = units.iter().map(|_| start()).collect();
         for node in 1..=self.samples {
-            let late_ns = GyroUnit::count_samples(&mut units) - node as i64 * SAMPLE_INTERVAL_NS;
+            let late_ns = GyroUnit::count_samples(&mut units, known) - node as i64 * SAMPLE_INTERVAL_NS;
             for (series, unit) in all.iter_mut().zip(&units) {
                 series.iter_mut().zip(unit.accumulated_counts()).for_each(|(channel, counts)| channel[node] = counts);
                 series[TIMING][node] = late_ns as f64 * 1e-9 / TIMING_UNIT_S;

@@ -7,8 +7,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use geu_model::attitude::RecordedAttitude;
 use geu_model::configuration::GyroConfiguration;
+use geu_model::package::SubStep;
 use geu_model::temperature::ElectronicsCourse;
-use geu_model::{Configuration, MeasuredTemperatures};
+use geu_model::{Configuration, GyroUnit, MeasuredTemperatures};
 
 use super::series::{CHANNELS, Shifts, TIMING};
 
@@ -22,6 +23,8 @@ pub(super) struct ModelCache {
     kept: Mutex<Vec<CachedRun>>,
     /// The motion delayed by the last lag.
     delayed: Mutex<Option<(f64, Arc<RecordedAttitude>)>>,
+    /// The sub-steps of that motion, for units that keep time.
+    sub_steps: Mutex<Option<(f64, Arc<Vec<SubStep>>)>>,
     /// The measured temperatures with the last delay and the reference temperature.
     temperatures: Mutex<Option<([f64; 2], Arc<MeasuredTemperatures>)>>,
 }
@@ -62,6 +65,16 @@ impl ModelCache {
                 *kept = Some((lag_s, delayed.clone()));
                 delayed
             }
+        }
+    }
+
+    /// The sub-steps of the motion delayed by a lag; `None` for a unit that does not keep time.
+    pub(super) fn sub_steps(&self, unit: &GyroUnit, lag_s: f64, samples: usize) -> Option<Arc<Vec<SubStep>>> {
+        let mut kept = self.sub_steps.lock().unwrap_or_else(PoisonError::into_inner);
+        match &*kept {
+            _ if !unit.keeps_time() => None,
+            Some((own_s, steps)) if *own_s == lag_s => Some(steps.clone()),
+            _ => Some(kept.insert((lag_s, Arc::new(unit.sub_steps(samples)))).1.clone()),
         }
     }
 
