@@ -13,7 +13,7 @@ pub const CLOCK_PER_SAMPLE: u64 = 500_000;
 /// The clock count is a 48-bit number.
 pub const CLOCK_MODULUS: u64 = 1 << 48;
 
-/// A gyro of a unit: its number and its name. The constants are those of the default unit.
+/// A gyro of a unit: its number and its name. The constants belong to the default unit.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Gyro {
     index: u8,
@@ -27,7 +27,7 @@ impl Gyro {
     pub const ZB: Gyro = Gyro { index: 3, name: "GYRZB" };
     /// The gyros of the default unit, in wire order.
     pub const ALL: [Gyro; 4] = [Gyro::X, Gyro::Y, Gyro::ZA, Gyro::ZB];
-    /// Their names.
+    /// Names of the default unit's gyros.
     pub const NAMES: [&'static str; 4] = [Gyro::X.name, Gyro::Y.name, Gyro::ZA.name, Gyro::ZB.name];
 
     /// The gyro of another unit with that number. Its name is kept for the rest of the process, each name once.
@@ -49,12 +49,12 @@ impl Gyro {
         self.name
     }
 
-    /// Its number, from 0.
+    /// Number of the head, from 0.
     pub const fn index(self) -> usize {
         self.index as usize
     }
 
-    /// Its bit in a mask of gyros (bit 0 is GYRX).
+    /// Bit in a mask of gyros (bit 0 is GYRX).
     pub const fn bit(self) -> u8 {
         1 << self.index
     }

@@ -171,7 +171,7 @@ at_s = 1.0
     assert!(counts[1999] != 777.0 && counts[4000] != 777.0);
     let summary = run(&["decode", "--device", "stim300", "--format", "summary"], &[&run_of.join("link.bin")]);
     let summary = String::from_utf8(summary.stdout).expect("UTF-8");
-    // A thousand datagrams with a changed bit, none believed; the sequence jumps by 5 and back.
+    // A thousand datagrams with a changed bit, none read; the sequence jumps by 5 and back.
     assert!(summary.contains("frames-RATE_TEMPERATURE  9000"), "{summary}");
     let again = folder.path().join("again");
     let output =
@@ -196,13 +196,13 @@ fn what_a_unit_cannot_have_is_refused_with_the_reason() {
     let check = ["config", "check"];
     let stim = |text: &str| format!("device = \"stim300\"\n{text}");
     refused("device = \"stim30\"\n", &check, "did you mean `stim300`?");
-    refused(&stim("[gyro.GYRX]\n"), &check, "expected one of: X, Y, Z");
+    refused(&stim("[gyro.GYRX]\n"), &check, ": X, Y, Z");
     refused(&stim("[gyro.X]\npivot-clearance = { clearance_arcsec = 3.0 }\n"), &check, "without an output axis");
     let fault = "[[fault]]\ngyro = \"X\"\nparameter = \"pivot-clearance.clearance_arcsec\"\ncourse = { step = 2 }\n";
     refused(&stim(fault), &check, "needs a gyro with an output axis");
     refused(&stim("[[fault]]\nfault = \"reply-late\"\ndelay_s = 1\n"), &check, "the unit has no commands");
     refused(&stim("[[fault]]\nfault = \"drop\"\nlink = \"can\"\n"), &check, "no such link");
-    refused(&stim("[[fault]]\nfault = \"dead\"\ngyro = \"GYRX\"\n"), &check, "one of X, Y, Z");
+    refused(&stim("[[fault]]\nfault = \"dead\"\ngyro = \"GYRX\"\n"), &check, "X, Y, Z for `fault.0.gyro`");
     refused(
         &stim(""),
         &["calibrate", "--link", "x.log", "--reference", "x.csv", "--config"],

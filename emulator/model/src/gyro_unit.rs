@@ -61,7 +61,7 @@ struct Channel {
     accumulated: f64,
 }
 
-/// How counts become an output.
+/// Rounding of counts to an output.
 #[derive(Debug, Clone, Copy)]
 enum Rounding {
     /// The difference of the rounded accumulated counts, so that no fraction is ever lost.
@@ -173,7 +173,7 @@ impl GyroUnit {
         unit
     }
 
-    /// What it is a unit of.
+    /// The description of the unit.
     pub fn device(&self) -> &Arc<Device> {
         &self.configuration.device
     }

@@ -94,7 +94,7 @@ impl ParameterSpec {
     }
 }
 
-/// How much wider than those of the default unit the limits of a unit are: of angles and angular rates, and of relative errors.
+/// Factors of the limits of a unit against the default unit: of angles and angular rates, and of relative errors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Widening {
     pub arcsec: f64,
@@ -140,13 +140,16 @@ impl ValueFormat {
         }
     }
 
+    /// Limits of a gyro's name in words.
+    pub fn limits_of(names: &[&str]) -> String {
+        format!("one of {}", names.iter().map(|name| format!("{name:?}")).collect::<Vec<_>>().join(", "))
+    }
+
     /// Limits in words.
     pub fn limits(self, min: f64, max: f64) -> String {
         match (self, min.is_finite(), max.is_finite()) {
             (ValueFormat::Flag, ..) => "true or false".to_owned(),
-            (ValueFormat::Gyro, ..) => {
-                format!("one of {}", Gyro::ALL.map(|gyro| format!("{:?}", gyro.name())).join(", "))
-            }
+            (ValueFormat::Gyro, ..) => ValueFormat::limits_of(&Gyro::NAMES),
             (ValueFormat::Choice(names), ..) => format!("one of {}", names.join(", ")),
             (ValueFormat::Whole, ..) => format!("a whole number within {min}…{max}"),
             (_, true, true) if min == -max => format!("a number within ±{max}"),

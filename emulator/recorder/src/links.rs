@@ -14,7 +14,7 @@ fn wire_of(model: &LinkModel) -> LinkLogFormat {
     if model.encoding.is_can() { LinkLogFormat::Can } else { LinkLogFormat::Serial }
 }
 
-/// The encoding recorded beside links: the requested one, else that of the first link, else one that the unit has.
+/// The encoding recorded beside links: as requested, else as the first link, else as the unit has it.
 pub fn wire_beside(asked: Option<LinkLogFormat>, links: &[LinkModel], device: &Device) -> LinkLogFormat {
     let only = if device.serial.is_some() && device.can.is_none() { LinkLogFormat::Serial } else { LinkLogFormat::Can };
     asked.or(links.first().map(wire_of)).unwrap_or(only)
@@ -23,8 +23,10 @@ pub fn wire_beside(asked: Option<LinkLogFormat>, links: &[LinkModel], device: &D
 /// The recorded link: the first with this encoding among `links`, else a default one.
 pub fn recorded(wire: LinkLogFormat, configuration: &Configuration, links: &[LinkModel]) -> LinkModel {
     let default = || match wire {
-        LinkLogFormat::Can => LinkModel::of(&configuration.device, Transport::Can, None, Some(can_plan(configuration))),
-        LinkLogFormat::Serial => LinkModel::of(&configuration.device, Transport::Pty, None, None),
+        LinkLogFormat::Can => {
+            LinkModel::of_unit(&configuration.device, Transport::Can, None, Some(can_plan(configuration)))
+        }
+        LinkLogFormat::Serial => LinkModel::of_unit(&configuration.device, Transport::Pty, None, None),
     };
     links.iter().find(|model| wire_of(model) == wire).cloned().unwrap_or_else(default)
 }
@@ -41,7 +43,7 @@ pub(crate) fn without_links(configuration: &Configuration) -> Vec<LinkModel> {
     }
     let model = |kind| {
         let baud = run.serial_baud.filter(|_| kind == Transport::Serial);
-        LinkModel::of(&configuration.device, kind, baud, Some(can_plan(configuration)))
+        LinkModel::of_unit(&configuration.device, kind, baud, Some(can_plan(configuration)))
     };
     kinds.into_iter().map(model).collect()
 }

@@ -33,7 +33,7 @@ enum Sum {
 
 impl Sum {
     /// The sum of all bytes of the parts.
-    fn of(self, parts: &[&[u8]]) -> u64 {
+    fn sum(self, parts: &[&[u8]]) -> u64 {
         let bytes = parts.iter().copied().flatten().map(|byte| u64::from(*byte));
         match self {
             Sum::Bytes => bytes.sum(),
@@ -243,8 +243,8 @@ impl Check {
         let parts = self.parts(bytes);
         match &*self.engine {
             Engine::Crc(_, run, tables) => tables.value(&parts).unwrap_or_else(|| run(&parts)).into(),
-            Engine::Sum(sum, is_negated) if *is_negated => sum.of(&parts).wrapping_neg(),
-            Engine::Sum(sum, _) => sum.of(&parts),
+            Engine::Sum(sum, is_negated) if *is_negated => sum.sum(&parts).wrapping_neg(),
+            Engine::Sum(sum, _) => sum.sum(&parts),
         }
     }
 

@@ -61,7 +61,7 @@ pub fn device(name: &str) -> Result<Device, CommandError> {
 /// The unit of a name or a description, or the default one.
 ///
 /// # Errors
-/// As [`device`].
+/// No such unit, or a description that is not valid.
 pub fn unit(name: &str) -> Result<Arc<Device>, CommandError> {
     if name == DEFAULT_DEVICE { Ok(Device::iras()) } else { device(name).map(Arc::new) }
 }

@@ -1,6 +1,6 @@
 //! The samples of the last ten minutes, for the charts of a client that connects late.
 //!
-//! All samples are kept, at any speed, of a unit with shorter intervals one each half second. The cadence thread adds them without waiting: while a client reads, they wait in a
+//! All samples are kept, at any speed, of a unit with shorter intervals one each 0.5 s. The cadence thread adds them without waiting: while a client reads, they wait in a
 //! queue of that thread.
 
 use std::collections::VecDeque;

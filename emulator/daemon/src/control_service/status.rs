@@ -41,8 +41,8 @@ impl StatusSource {
         };
         StatusSource {
             unit: unit.clone(),
-            serial: first(false).unwrap_or_else(|| LinkModel::of(&unit.device, Transport::Pty, None, None)),
-            can: first(true).unwrap_or_else(|| LinkModel::of(&unit.device, Transport::Can, None, None)),
+            serial: first(false).unwrap_or_else(|| LinkModel::of_unit(&unit.device, Transport::Pty, None, None)),
+            can: first(true).unwrap_or_else(|| LinkModel::of_unit(&unit.device, Transport::Can, None, None)),
             links: links.iter().map(|(model, statistics)| (model.kind, statistics.clone())).collect(),
             recorded,
             monitor: monitor.clone(),

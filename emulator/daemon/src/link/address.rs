@@ -40,7 +40,7 @@ impl LinkAddress {
             LinkAddress::Can(address) => (None, Some(address.plan)),
             LinkAddress::Pty(_) | LinkAddress::Tcp(_) => (None, None),
         };
-        LinkModel::of(device, self.kind(), baud, plan)
+        LinkModel::of_unit(device, self.kind(), baud, plan)
     }
 }
 

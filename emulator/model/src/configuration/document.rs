@@ -238,7 +238,7 @@ impl<'a> Node<'a> {
             Some(value) if min <= value && value <= max => Ok(Some(value)),
             _ if form == ValueFormat::Gyro => {
                 let names: Vec<&str> = self.source.device.gyros().map(Gyro::name).collect();
-                Err(self.unexpected(key, &format!("one of {names:?}").replace(['[', ']'], "")))
+                Err(self.unexpected(key, &ValueFormat::limits_of(&names)))
             }
             _ => Err(self.unexpected(key, &form.limits(min, max))),
         }

@@ -37,7 +37,7 @@ numbers! {
         probability: 1.0, 1e-9..=1.0, "";
         /// waits to be started by somebody at the bench
         by_hand: 0.0, 0.0..=1.0, "", Flag;
-        /// how long it acts, one sample at least; without end where not named
+        /// how long it acts, a sample or longer; without end where not named
         for_s: absent, 1e-5..=LATEST_S, "s";
         /// ends then at the latest, a parameter returns from then on; starts no more
         until_s: absent, 0.0..=LATEST_S, "s";

@@ -85,7 +85,7 @@ impl Configuration {
     /// Reads a configuration of this unit, if there is one, else of the unit that it names.
     ///
     /// # Errors
-    /// As [`Configuration::parse`]; a configuration of another unit.
+    /// A text that [`Configuration::parse`] refuses; a configuration of another unit.
     pub fn parse_for(
         device: Option<&Arc<Device>>,
         name: &str,
@@ -103,7 +103,7 @@ impl Configuration {
     /// A unit without errors, at rest, with overrides, each `PATH=VALUE`.
     ///
     /// # Errors
-    /// As [`Configuration::parse`].
+    /// An override that is not valid.
     pub fn of_device(device: &Arc<Device>, overrides: &[String]) -> Result<Configuration, ConfigurationError> {
         Configuration::parse_for(Some(device), &format!("configuration of {}", device.name), "", overrides)
     }

@@ -11,7 +11,7 @@ use crate::device::{DEVICES, Device, DeviceText};
 
 const KEY: &str = "device";
 
-/// The unit that a configuration names; `asked` is one that it must be of.
+/// The unit that a configuration names; it must be `asked`, if there is one.
 ///
 /// # Errors
 /// An unknown name, a description that is not valid, another unit than the one asked for.

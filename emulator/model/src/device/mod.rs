@@ -10,6 +10,7 @@
 
 mod can;
 mod fields;
+mod model;
 mod output;
 mod serial;
 
@@ -23,7 +24,7 @@ use geu_protocol::suggestion::did_you_mean;
 
 use crate::configuration::{ConfigText, ConfigurationError, Node};
 use crate::package::Axes;
-use crate::parameter_spec::{ValueFormat, Widening};
+use crate::parameter_spec::ValueFormat;
 use crate::units::{ARCSEC_PER_DEG, FULL_SCALE_ARCSEC_S, SAMPLE_INTERVAL_S};
 
 use self::fields::is_identifier;
@@ -32,9 +33,7 @@ pub use serial::SerialWire;
 
 /// Largest number of heads.
 pub const MAX_HEADS: usize = 8;
-/// Largest relative errors of described units, by those of the default unit: 10 % in place of 2000 ppm.
-const DESCRIBED_PPM: f64 = 50.0;
-/// Rate of the clock of the default unit, and of one that a description does not state.
+/// Rate of the clock of the default unit, and of a unit without a stated one.
 const CLOCK_HZ: f64 = 1e6;
 /// Deviation of a product of unit vectors from 0 up to which they are perpendicular.
 const PERPENDICULAR: f64 = 1e-6;
@@ -170,62 +169,6 @@ impl Device {
             })
         });
         IRAS.clone()
-    }
-
-    /// True for the default unit, with commands and links of its own.
-    pub fn is_iras(&self) -> bool {
-        self.serial.is_none() && self.can.is_none()
-    }
-
-    /// Nominal interval of samples, ns.
-    pub fn interval_ns(&self) -> i64 {
-        (self.interval_s * 1e9).round() as i64
-    }
-
-    /// Interval of a reference attitude, ns: that of the samples, or a multiple of it of 10 ms or more.
-    pub fn reference_interval_ns(&self) -> i64 {
-        let interval_ns = self.interval_ns().max(1);
-        interval_ns * (10_000_000 + interval_ns - 1).div_euclid(interval_ns).max(1)
-    }
-
-    /// On-board time at which a sample begins, since the start of the first, s.
-    pub fn on_board_s(&self, sample: u64) -> f64 {
-        sample as f64 * self.interval_s
-    }
-
-    /// Smallest and largest output of a head, counts; those of 16 bits for the default unit.
-    pub fn limits(&self, head: &Head) -> (f64, f64) {
-        if self.is_iras() {
-            return (f64::from(i16::MIN), f64::from(i16::MAX));
-        }
-        let most = head.rounded(self.range_arcsec_s * self.interval_s / head.count_arcsec);
-        (-most, most)
-    }
-
-    /// Limits of angles and rates grow with the range of the unit; those of relative errors are for fibre-optic and MEMS gyros.
-    pub fn widening(&self) -> Widening {
-        match self.is_iras() {
-            true => Widening::default(),
-            false => Widening { arcsec: (self.range_arcsec_s / FULL_SCALE_ARCSEC_S).max(1.0), ppm: DESCRIBED_PPM },
-        }
-    }
-
-    /// Angle of an output over the nominal interval in the unit of its field, arcsec.
-    fn arcsec_per_unit(&self, value: &ValueSpec) -> f64 {
-        match self.output {
-            Output::Increment => value.factor,
-            Output::Rate => value.factor * self.interval_s,
-        }
-    }
-
-    /// The gyros.
-    pub fn gyros(&self) -> impl Iterator<Item = Gyro> {
-        self.heads.iter().map(|head| head.gyro)
-    }
-
-    /// The gyro of that name.
-    pub fn gyro(&self, name: &str) -> Option<Gyro> {
-        self.gyros().find(|gyro| gyro.name() == name)
     }
 
     /// Reads a description; errors call it `name`. `files` reads the files that it names.

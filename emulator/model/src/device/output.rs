@@ -62,7 +62,7 @@ impl Device {
         }
     }
 
-    /// Reason why a unit cannot have a fault on a kind of link, beside those of the link itself.
+    /// Reason why a unit cannot have a fault on a kind of link; the link itself may have others.
     pub fn unable(&self, fault: &str, is_can: bool) -> Option<&'static str> {
         if self.is_iras() {
             return None;

@@ -29,7 +29,7 @@ pub struct EffectConfiguration<E> {
     pub constant: E,
     /// Time courses, which are added to it.
     pub courses: Vec<TimeCourse>,
-    /// Of the limits at which they end.
+    /// Factors of the limits at which they end.
     pub widening: Widening,
 }
 

@@ -20,7 +20,7 @@ pub struct Outputs {
 /// A sample that just ended.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CompletedSample {
-    /// As the default unit has it; of another unit all but its increments and the flags of its gyros count.
+    /// Sample of the default unit; of another unit without increments and flags of gyros.
     pub sample: Sample,
     pub outputs: Outputs,
     /// True if it is sent on every link now (cyclic mode), false if it is kept for a poll.

@@ -34,7 +34,7 @@ impl LinkModel {
     }
 
     /// The link of a unit: of the default one at this baud rate or with these identifiers, if there are any.
-    pub fn of(device: &Arc<Device>, kind: Transport, baud: Option<u32>, plan: Option<CanIdMap>) -> LinkModel {
+    pub fn of_unit(device: &Arc<Device>, kind: Transport, baud: Option<u32>, plan: Option<CanIdMap>) -> LinkModel {
         let encoding = match (device.is_iras(), kind) {
             (true, Transport::Can) => Encoding::Can(plan.unwrap_or_default()),
             (true, _) => Encoding::Serial { baud: baud.unwrap_or(DEFAULT_BAUD) },

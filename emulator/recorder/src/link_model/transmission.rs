@@ -50,7 +50,7 @@ impl Encoding {
         }
     }
 
-    /// Bytes of the frames of a sample in a stream, and the samples of [`CATCH_UP_NS`], at least one.
+    /// Bytes of the frames of a sample in a stream, and the samples within [`CATCH_UP_NS`].
     pub fn sample_bytes(&self) -> (usize, usize) {
         let Some(device) = self.device() else { return (MAX_FRAME, 1) };
         let frames = device.frames(false).map_or(&[][..], |set| &set.frames);

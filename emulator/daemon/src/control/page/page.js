@@ -150,7 +150,7 @@ function start([catalogue, layout, status]) {
   const watch = watchList();
   injector(catalogue, [...new Set((status.links ?? []).map(({ kind }) => kind))], refresh);
   if (catalogue.commands.length) commander(catalogue.commands);
-  else at("command").hidden = true;
+  else at("command").remove();
   if (status.links) links(status);
   recorded(status);
   at("download").href = path("/api/timeline");

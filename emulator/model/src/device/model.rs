@@ -1,0 +1,69 @@
+//! What the model takes from a unit: interval, limits, gyros.
+
+use geu_protocol::Gyro;
+use geu_protocol::layout::ValueSpec;
+
+use super::{Device, Head, Output};
+use crate::parameter_spec::Widening;
+use crate::units::FULL_SCALE_ARCSEC_S;
+
+/// Factor of the largest relative errors of described units: 10 % in place of 2000 ppm.
+const DESCRIBED_PPM: f64 = 50.0;
+
+impl Device {
+    /// True for the default unit, with commands and links of its own.
+    pub fn is_iras(&self) -> bool {
+        self.serial.is_none() && self.can.is_none()
+    }
+
+    /// Nominal interval of samples, ns.
+    pub fn interval_ns(&self) -> i64 {
+        (self.interval_s * 1e9).round() as i64
+    }
+
+    /// Interval of a reference attitude, ns: that of the samples, or a multiple of it of 10 ms or more.
+    pub fn reference_interval_ns(&self) -> i64 {
+        let interval_ns = self.interval_ns().max(1);
+        interval_ns * (10_000_000 + interval_ns - 1).div_euclid(interval_ns).max(1)
+    }
+
+    /// On-board time at which a sample begins, since the start of the first, s.
+    pub fn on_board_s(&self, sample: u64) -> f64 {
+        sample as f64 * self.interval_s
+    }
+
+    /// Smallest and largest output of a head, counts; 16 bits for the default unit.
+    pub fn limits(&self, head: &Head) -> (f64, f64) {
+        if self.is_iras() {
+            return (f64::from(i16::MIN), f64::from(i16::MAX));
+        }
+        let most = head.rounded(self.range_arcsec_s * self.interval_s / head.count_arcsec);
+        (-most, most)
+    }
+
+    /// Limits of angles and rates grow with the range of the unit; relative errors are limited as of fibre-optic and MEMS gyros.
+    pub fn widening(&self) -> Widening {
+        match self.is_iras() {
+            true => Widening::default(),
+            false => Widening { arcsec: (self.range_arcsec_s / FULL_SCALE_ARCSEC_S).max(1.0), ppm: DESCRIBED_PPM },
+        }
+    }
+
+    /// Angle of an output over the nominal interval in the unit of its field, arcsec.
+    pub(super) fn arcsec_per_unit(&self, value: &ValueSpec) -> f64 {
+        match self.output {
+            Output::Increment => value.factor,
+            Output::Rate => value.factor * self.interval_s,
+        }
+    }
+
+    /// The gyros.
+    pub fn gyros(&self) -> impl Iterator<Item = Gyro> {
+        self.heads.iter().map(|head| head.gyro)
+    }
+
+    /// The gyro of that name.
+    pub fn gyro(&self, name: &str) -> Option<Gyro> {
+        self.gyros().find(|gyro| gyro.name() == name)
+    }
+}
