@@ -88,14 +88,13 @@ mod tests {
                 angle_control_arcsec: [0.0, rate_arcsec_s * 0.1, 0.0],
                 ..MotionStep::default()
             };
-            let surroundings =
-                EffectInputs {
-                    step: &step,
-                    axes: Axes::of(Gyro::X),
-                    temperatures: &TEMPERATURES,
-                    end_s: 0.0,
-                    full_scale_arcsec_s: 720.0,
-                };
+            let surroundings = EffectInputs {
+                step: &step,
+                axes: Axes::of(Gyro::X),
+                temperatures: &TEMPERATURES,
+                end_s: 0.0,
+                full_scale_arcsec_s: 720.0,
+            };
             let mut head = GyroSubStep {
                 input_arcsec: 0.0,
                 added_arcsec: 0.0,

@@ -1,7 +1,7 @@
 //! Flips bits anywhere in the data: before the CRC is computed, or after it, including the CRC.
 
-use geu_model::fault::catalogue::link_fault::BitFlip;
 use geu_model::device::Device;
+use geu_model::fault::catalogue::link_fault::BitFlip;
 use geu_protocol::can::{STATUS_COVERED, close_status};
 use geu_protocol::layout::Frame;
 use geu_protocol::serial::{self, CRC, HEADER};
