@@ -42,6 +42,9 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let is_screen = stdout().is_terminal() && !arguments.lines;
     let mut events: VecDeque<String> = VecDeque::new();
     let mut left = arguments.count.unwrap_or(u64::MAX);
+    let catalogue = emulator.ask(Method::GET, "/api/catalogue", None)?;
+    let gyros = catalogue["gyros"].as_array().into_iter().flatten().filter_map(Value::as_str);
+    let gyros: Vec<String> = gyros.map(str::to_owned).collect();
     loop {
         for event in emulator.follow()? {
             let event = event?;
@@ -61,11 +64,11 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
                 continue;
             }
             if is_screen {
-                let figures = figures(&event.data);
+                let figures = figures(&gyros, &event.data);
                 let events: String = events.iter().map(|line| format!("{line}\n")).collect();
                 print(format_args!("{HOME}{}\n{figures}\n{events}", emulator.which))?;
             } else {
-                print(format_args!("{}\n", line(&event.data)))?;
+                print(format_args!("{}\n", line(&gyros, &event.data)))?;
             }
             left -= 1;
             if left == 0 {
@@ -83,13 +86,15 @@ fn number(value: &Value) -> f64 {
     value.as_f64().unwrap_or_default()
 }
 
+/// An output: counts of the default unit, else an angle in arcsec.
+fn angle(output: &Value) -> String {
+    output.as_i64().map_or_else(|| format!("{:+10.3}", number(output)), |counts| format!("{counts:+6}"))
+}
+
 /// A sample in one line.
-fn line(sample: &Value) -> String {
-    let counts: Vec<String> = Gyro::ALL
-        .into_iter()
-        .enumerate()
-        .map(|(index, gyro)| format!("{} {:+6}", gyro.name(), sample["increments"][index].as_i64().unwrap_or(0)))
-        .collect();
+fn line(gyros: &[String], sample: &Value) -> String {
+    let outputs = gyros.iter().zip(sample["increments"].as_array().into_iter().flatten());
+    let counts: Vec<String> = outputs.map(|(gyro, output)| format!("{gyro} {}", angle(output))).collect();
     let faults = sample["faults"].as_array().into_iter().flatten();
     let active: Vec<&str> =
         faults.filter(|fault| fault["state"] == "active").filter_map(|fault| fault["id"].as_str()).collect();
@@ -108,17 +113,21 @@ fn line(sample: &Value) -> String {
 }
 
 /// A sample on a screen.
-fn figures(sample: &Value) -> String {
+fn figures(gyros: &[String], sample: &Value) -> String {
     let value = |key: &str| number(&sample[key]);
     let texts = |list: &Value| -> Vec<String> {
         list.as_array().into_iter().flatten().filter_map(Value::as_str).map(str::to_owned).collect()
     };
     let gyro_flags = value("gyro_flags") as u8;
-    let gyros = Gyro::ALL.into_iter().enumerate().map(|(index, gyro)| {
+    // A described unit has its flags of saturation in its frames alone.
+    let has_saturation = *gyros == Gyro::NAMES;
+    let gyros = gyros.iter().enumerate().map(|(index, gyro)| {
         let (count, truth) = (number(&sample["increments"][index]), number(&sample["true_arcsec"][index]));
         let (difference, departure) = (count - truth, number(&sample["departure_arcsec"][index]));
-        let row = format!("{:<6} {count:+7}  {truth:+12.3}  {difference:+11.3}  {departure:+12.3}", gyro.name());
-        map! { row: row, is_valid: gyro_flags & gyro.bit() != 0, is_saturated: gyro_flags & gyro.bit() << 4 != 0 }
+        let output = angle(&sample["increments"][index]);
+        let row = format!("{gyro:<6} {output:>7}  {truth:+12.3}  {difference:+11.3}  {departure:+12.3}");
+        let is_saturated = has_saturation && gyro_flags >> index & 0x10 != 0;
+        map! { row: row, is_valid: gyro_flags >> index & 1 != 0, is_saturated: is_saturated }
     });
     let links = sample["links"].as_array().into_iter().flatten().map(|link| {
         let count = |key: &str| link[key].to_string();
