@@ -216,6 +216,8 @@ fn what_a_unit_cannot_have_is_refused_with_the_reason() {
     let output = run(&check, &[&file]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     refused(&stim("[gyro.X]\ndrift = { arcsec_per_h = 1300000.0 }\n"), &check, "within ±1200000");
+    let output = run(&["simulate", "--device", "mm5.10", "--svg"], &[&folder.path().join("s")]);
+    assert!(String::from_utf8_lossy(&output.stderr).contains("expected the default unit"), "{output:?}");
     let output = run(
         &["simulate", "--device", "mm5.10", "--wire", "serial", "--duration", "1", "--out"],
         &[&folder.path().join("o")],

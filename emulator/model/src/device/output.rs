@@ -43,8 +43,9 @@ impl Device {
             Quantity::Valid(head) => bit(outputs.valid, *head),
             Quantity::Saturated(head) => bit(outputs.saturated, *head),
             Quantity::Sequence => {
-                let (modulus, step) = set.sequence;
-                (outputs.number.wrapping_mul(step) % modulus) as f64
+                // A fault may put a number before the first.
+                let (modulus, step) = (set.sequence.0 as i64, set.sequence.1 as i64);
+                (outputs.number as i64).wrapping_mul(step).rem_euclid(modulus) as f64
             }
             Quantity::ClockCount => {
                 let is_it = |field: &&Field| set.values[field.slot].quantity == Quantity::ClockCount;

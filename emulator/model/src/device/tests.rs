@@ -374,3 +374,47 @@ fn both_links_of_a_unit_have_the_same_values() {
     assert_eq!(serial.values, can.values);
     assert_eq!((serial.sequence, can.sequence), ((256, 1), (16, 1)));
 }
+
+#[test]
+fn a_sample_is_encoded_with_its_counters_and_rarer_frames() {
+    let text = "[device]\nname = \"T\"\nsource = \"a test\"\ninterval_s = 0.01\noutput = \"increment\"\nrange_arcsec_s = 1000.0\n\
+        clock_hz = 5e4\n[[device.head]]\nname = \"X\"\ninput = [1, 0, 0]\n[[device.serial.frame]]\nname = \"DATA\"\nfields = [\n\
+        { constant = \"A5\" }, { head = \"X\", type = \"i16be\", unit = \"arcsec\", scale = 0.05 },\n\
+        { value = \"sequence\", type = \"u8\", modulus = 100, step = 10 }, { value = \"clock_count\", type = \"u16be\" },\n\
+        { bits = { X_valid = 0, X_saturated = 7, self_test = 3 }, type = \"u8\" }, { crc = \"xor\", type = \"u8\" } ]\n\
+        [[device.serial.frame]]\nname = \"RARE\"\nevery = 4\nfields = [ { constant = \"5A\" }, \
+        { value = \"electronics\", type = \"i8\" }, { crc = \"xor\", type = \"u8\" } ]\n";
+    let device = Device::parse("t.toml", text, &|_| Err("no file".to_owned())).unwrap();
+    assert_eq!((device.heads[0].count_arcsec, device.limits(&device.heads[0])), (0.05, (-200.0, 200.0)));
+    let mut configuration = crate::Configuration::of_device(&Arc::new(device), &[]).unwrap();
+    configuration.motion = vec![crate::attitude::RateSegment { duration_s: 60.0, x_deg_s: 0.25, ..Default::default() }];
+    let mut unit = crate::GyroUnit::new(&configuration);
+    let mut frames = Vec::new();
+    for _ in 0..140 {
+        let ended = unit.end_sample();
+        let encoded = configuration.device.encode(false, &ended);
+        frames.push(encoded.into_iter().map(|(_, bytes)| bytes).collect::<Vec<_>>());
+    }
+    // 0.25 °/s are 9″ in 10 ms: 180 counts. The clock counts 500, modulo 65536; the sequence 10, modulo 100.
+    assert_eq!(frames[0][0][..7], [0xA5, 0, 180, 0, 0x01, 0xF4, 1]);
+    assert_eq!(frames[13][0][3..6], [30, 0x1B, 0x58]);
+    assert_eq!(frames[131][0][4..6], ((500 * 132) as u16).to_be_bytes());
+    assert_eq!(frames.iter().map(Vec::len).collect::<Vec<_>>()[..9], [2, 1, 1, 1, 2, 1, 1, 1, 2]);
+    assert_eq!(frames[4][1], [0x5A, 20, 0x5A ^ 20]);
+    // A number before the first, as a fault may put it; beyond the range it is clipped and flagged.
+    let early = unit.end_sample().numbered((-3i64) as u64);
+    assert_eq!(configuration.device.encode(false, &early)[0].1[3], 70);
+    configuration.motion[0].x_deg_s = 0.5;
+    let clipped = configuration.device.encode(false, &crate::GyroUnit::new(&configuration).end_sample());
+    assert_eq!(clipped[0].1[1..3], 200i16.to_be_bytes());
+    assert_eq!(clipped[0].1[6], 0x81);
+}
+
+#[test]
+fn the_default_unit_is_a_unit_without_a_described_link() {
+    let iras = Device::iras();
+    assert!(iras.is_iras() && iras.frames(false).is_none() && iras.frames(true).is_none());
+    assert_eq!((iras.interval_ns(), iras.reference_interval_ns()), (500_000_000, 500_000_000));
+    let spacing = |name: &str| Device::from_name(name).unwrap().reference_interval_ns();
+    assert_eq!([spacing("stim300"), spacing("kvh-1750"), spacing("tetrad")], [10_000_000; 3]);
+}
