@@ -29,6 +29,9 @@ random_deg_s = 0.5
 random_hz = 10.0
 ";
 
+/// An arcsec.
+const ARCSEC_RAD: f64 = std::f64::consts::PI / 648_000.0;
+
 fn run(arguments: &[&str], paths: &[&Path]) -> Output {
     geu().args(arguments).args(paths).output().expect("geu starts")
 }
@@ -111,11 +114,12 @@ fn increments_of_floats_and_of_skewed_heads_are_the_true_angles() {
 fn decoded_rows_of_every_unit_are_the_counts_of_its_truth() {
     for (device, per_count) in [
         ("stim300", 1.0 / 16384.0),
-        ("stim300-increment", f64::NAN),
-        ("kvh-1750", f64::NAN),
+        ("stim300-increment", 1.0 / 2_097_152.0),
+        ("kvh-1750", ARCSEC_RAD),
         ("mm5.10", 0.005),
         ("openimu300ri", 1.0 / 128.0),
-        ("mti-100", f64::NAN),
+        // A rate: a count is an arcsec in 10 ms.
+        ("mti-100", ARCSEC_RAD / 0.01),
         ("tetrad", 0.01),
     ] {
         let folder = tempfile::tempdir().expect("a folder");
@@ -123,19 +127,22 @@ fn decoded_rows_of_every_unit_are_the_counts_of_its_truth() {
         let link = ["link.bin", "link.log"].map(|name| out.join(name)).into_iter().find(|path| path.exists());
         let decoded = run(&["decode", "--device", device], &[&link.expect("a link")]);
         let summary = String::from_utf8_lossy(&decoded.stderr).into_owned();
-        assert!(summary.contains("accounts for all") || !summary.contains("account "), "{device}: {summary}");
+        // Of a log the frames are counted, of serial bytes every byte.
+        assert!(summary.contains("accounts for all") || summary.contains("candump"), "{device}: {summary}");
         assert!(summary.contains("defects                  0"), "{device}: {summary}");
         let text = String::from_utf8(decoded.stdout).expect("UTF-8");
         let header: Vec<&str> = text.lines().next().expect("a header").split(',').collect();
         let truth = truth(&out);
         assert_eq!(text.lines().count() - 1, truth.values().next().expect("a head").len(), "{device}");
-        for (head, counts) in truth.iter().filter(|_| per_count.is_finite()) {
+        for (head, counts) in &truth {
             let column =
                 header.iter().position(|name| name.starts_with(&format!("{head}_")) && !name.contains("valid"));
             let column = column.unwrap_or_else(|| panic!("{device}: no {head} in {header:?}"));
             for (line, (_, count)) in text.lines().skip(1).zip(counts) {
                 let value: f64 = line.split(',').nth(column).expect("a cell").parse().expect("a number");
-                assert!((value / per_count - count).abs() < 1e-6, "{device} {head}: {value} {count}");
+                // A float of 32 bits is rounded.
+                let error = (value / per_count - count).abs();
+                assert!(error < 1e-6 + 1e-7 * count.abs(), "{device} {head}: {value} {count}");
             }
         }
     }
@@ -171,7 +178,9 @@ at_s = 1.0
     assert!(counts[1999] != 777.0 && counts[4000] != 777.0);
     let summary = run(&["decode", "--device", "stim300", "--format", "summary"], &[&run_of.join("link.bin")]);
     let summary = String::from_utf8(summary.stdout).expect("UTF-8");
-    // A thousand datagrams with a changed bit, none read; the sequence jumps by 5 and back.
+    // A thousand datagrams with a changed bit, none read; the sequence jumps by 5 and back, which is a gap of 5 and one of 251.
+    let gaps: Vec<&str> = summary.lines().filter(|line| line.starts_with("gap ")).collect();
+    assert!(gaps.iter().any(|gap| gap.split_whitespace().nth(1) == Some("5")), "{gaps:?}");
     assert!(summary.contains("frames-RATE_TEMPERATURE  9000"), "{summary}");
     let again = folder.path().join("again");
     let output =
@@ -210,12 +219,19 @@ fn what_a_unit_cannot_have_is_refused_with_the_reason() {
     );
     refused(&stim(""), &["config", "check", "--device", "tetrad"], "Skewed tetrad, got Safran");
     refused(&stim("[[motion]]\nx_deg_s = 1\n"), &check, "duration_s");
+    let both = "[[manoeuvre]]\nkind = \"pointing\"\nduration_s = 10\n[[motion]]\nduration_s = 1\n";
+    refused(both, &check, "either [[motion]] or [[manoeuvre]]");
+    refused(&stim("[gyro.X]\nscale-factor = { ppm = -1000000.0 }\n"), &check, "within ±100000");
+    refused(&stim("[gyro.X]\nmisalignment = { y_arcsec = 3700.0 }\n"), &check, "within ±3600");
+    refused(&stim("[[fault]]\nfault = \"axis-swap\"\ngyro = \"X\"\nwith = \"X\"\n"), &check, "its own gyro");
+    refused(&stim("[[fault]]\nfault = \"drop\"\nfor_s = 0.0001\n"), &check, "0.0005 s, or more");
+    refused("[[fault]]\nfault = \"drop\"\nfor_s = 0.2\n", &check, "0.5 s, or more");
     // Limits grow with the range, 2000 times that of the default unit.
     fs::write(&file, stim("[gyro.X]\ndrift = { arcsec_per_h = 900000.0 }\nscale-factor = { ppm = 5000.0 }\n"))
         .expect("a file");
     let output = run(&check, &[&file]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    refused(&stim("[gyro.X]\ndrift = { arcsec_per_h = 1300000.0 }\n"), &check, "within ±1200000");
+    refused(&stim("[gyro.X]\ndrift = { arcsec_per_h = 80000000.0 }\n"), &check, "within ±72000000");
     let output = run(&["simulate", "--device", "mm5.10", "--svg"], &[&folder.path().join("s")]);
     assert!(String::from_utf8_lossy(&output.stderr).contains("expected the default unit"), "{output:?}");
     let output = run(
@@ -247,10 +263,11 @@ fn a_stim300_at_2000_hz_reaches_the_client_of_a_pty_whole() {
         bytes.extend_from_slice(&chunk[..length]);
     }
     drop(emulator);
-    let first = bytes.windows(26).position(|window| window[0] == 0x94 && window[25] == 0x94).expect("datagrams");
+    let is_start = |at: usize| (0..8).all(|datagram| bytes[at + 25 * datagram] == 0x94);
+    let first = (0..bytes.len() - 200).find(|at| is_start(*at)).expect("datagrams");
     let counters: Vec<u8> = bytes[first..].chunks_exact(25).map(|datagram| datagram[18]).collect();
     assert!(counters.len() > 5000, "{}", counters.len());
     let lost = counters.windows(2).filter(|pair| pair[1] != pair[0].wrapping_add(1)).count();
     // A machine with more work than cores may hold the reader up for longer than the buffer of a port lasts, 80 ms.
-    assert!(lost <= 3, "{lost} of {}", counters.len());
+    assert!(lost * 100 < counters.len(), "{lost} of {}", counters.len());
 }

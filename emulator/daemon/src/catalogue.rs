@@ -52,7 +52,7 @@ fn bounded(own: &ParameterSpec, spec: &FaultSpec) -> Value {
 pub fn catalogue(device: &Device) -> Value {
     let names = |gyros: &[Gyro]| gyros.iter().map(|gyro| gyro.name()).collect::<Value>();
     let parameters = ParameterRef::all().into_iter().map(|target| {
-        let ((min, max), spec) = (target.limits(), target.number());
+        let ((min, max), spec) = (target.limits_of(device), target.number());
         json!({
             "parameter": target.name(),
             "title": target.effect().title,

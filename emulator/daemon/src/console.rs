@@ -7,7 +7,8 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
 use std::time::Duration;
 
-use geu_protocol::Sample;
+use geu_model::CompletedSample;
+use geu_model::device::Device;
 use geu_protocol::field::unit_flag;
 
 use crate::lateness::{DurationNs, Histogram};
@@ -54,9 +55,11 @@ pub(crate) fn wants_status() -> bool {
 }
 
 /// Replaces the status line.
-pub(crate) fn show_status(sample: Option<&Sample>, clients: usize, lateness: &Histogram) {
-    let Some(sample) = sample else { return };
-    let [x, y, za, zb] = sample.increments;
+pub(crate) fn show_status(device: &Device, sample: Option<CompletedSample>, clients: usize, lateness: &Histogram) {
+    let Some(CompletedSample { sample, outputs, .. }) = sample else { return };
+    let counts = device.gyros().zip(outputs.counts);
+    let counts: Vec<String> =
+        counts.map(|(gyro, counts)| format!("{} {counts:+6.0}", gyro.name().trim_start_matches("GYR"))).collect();
     let mode = if sample.unit_flags & unit_flag("polled") == 0 { "cyclic" } else { "polled" };
     let late = if lateness.count() > 0 {
         format!("late {} (max {})", DurationNs(lateness.percentile_ns(0.5)), DurationNs(lateness.max_ns()))
@@ -64,8 +67,9 @@ pub(crate) fn show_status(sample: Option<&Sample>, clients: usize, lateness: &Hi
         String::new()
     };
     send(Message::Status(format!(
-        "seq {:5}  X {x:+6}  Y {y:+6}  ZA {za:+6}  ZB {zb:+6}  {:.2} / {:.2} °C  {mode}  {clients} client{}  {late}",
+        "seq {:5}  {}  {:.2} / {:.2} °C  {mode}  {clients} client{}  {late}",
         sample.sequence,
+        counts.join("  "),
         f64::from(sample.electronics_centi_c) / 100.0,
         f64::from(sample.sensor_centi_c) / 100.0,
         if clients == 1 { "" } else { "s" },

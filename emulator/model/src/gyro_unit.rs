@@ -234,15 +234,23 @@ impl GyroUnit {
         let mut is_synchronous = self.apply_power(counts, &mut outputs.valid, &mut taps);
         is_synchronous &= self.apply_faults(&device, &mut outputs, &mut taps);
         self.sequence = self.sequence.wrapping_add(1);
-        self.clock_count = (self.clock_count + (device.interval_s * device.clock_hz).round() as u64) % CLOCK_MODULUS;
-        outputs.number = self.sequence;
+        // Of a whole number of cycles in a sample no fraction is lost.
+        let cycles = |samples: u64| (samples as f64 * (device.interval_s * device.clock_hz)).round() as u64;
+        self.clock_count = (self.clock_count + cycles(self.ended + 1) - cycles(self.ended)) % CLOCK_MODULUS;
+        (outputs.index, outputs.number) = (self.ended, self.sequence);
         sample.sequence = self.sequence as u16;
         sample.clock_count = self.clock_count;
         self.report_status(start_s, end_s, is_synchronous, &mut sample);
         for (law, _) in self.faults.on_unit() {
             if let UnitFault::FlipFlags { gyro_flags, unit_flags } = law {
-                outputs.valid ^= gyro_flags & 0xF;
-                outputs.saturated ^= gyro_flags >> 4;
+                let heads = u8::MAX >> (MAX_HEADS - device.heads.len());
+                match device.is_iras() {
+                    true => {
+                        (outputs.valid, outputs.saturated) =
+                            (outputs.valid ^ gyro_flags & 0xF, outputs.saturated ^ gyro_flags >> 4)
+                    }
+                    false => outputs.valid ^= gyro_flags & heads,
+                }
                 sample.unit_flags ^= unit_flags;
             }
         }

@@ -94,29 +94,29 @@ impl ParameterSpec {
     }
 }
 
-/// Factors of the limits of a unit against the default unit: of angles and angular rates, and of relative errors.
+/// Limits of a unit against those of the default unit: a factor for rates, and the smallest limit of relative errors, ppm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Widening {
-    pub arcsec: f64,
+    pub rate_factor: f64,
     pub ppm: f64,
 }
 
 impl Default for Widening {
     fn default() -> Widening {
-        Widening { arcsec: 1.0, ppm: 1.0 }
+        Widening { rate_factor: 1.0, ppm: 0.0 }
     }
 }
 
 impl Widening {
     /// Limits of a number with this unit.
     pub fn limits(self, unit: &str, min: f64, max: f64) -> (f64, f64) {
-        let factor = match unit {
-            "arcsec/count" => 1.0,
-            unit if unit.starts_with("arcsec") => self.arcsec,
-            unit if unit.starts_with("ppm") => self.ppm,
-            _ => 1.0,
+        let is_rate = ["arcsec/s", "arcsec/h", "arcsec/√s"].iter().any(|rate| unit.starts_with(rate));
+        let largest = match unit {
+            "ppm" => max.max(self.ppm),
+            _ if is_rate => max * self.rate_factor,
+            _ => max,
         };
-        (if min < 0.0 { min * factor } else { min }, max * factor)
+        (if min < 0.0 { min.min(-largest) } else { min }, largest)
     }
 }
 

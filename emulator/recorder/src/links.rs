@@ -66,7 +66,9 @@ fn can_plan(configuration: &Configuration) -> CanIdMap {
 /// Baud rate of the serial port among the links, unless it is the default.
 pub(crate) fn serial_baud(links: &[LinkModel]) -> Option<u32> {
     let ports = links.iter().filter(|model| model.kind == Transport::Serial);
-    ports.filter_map(|model| model.encoding.baud()).find(|baud| *baud != DEFAULT_BAUD)
+    let own = |model: &LinkModel| model.encoding.device().and_then(|device| Some(device.serial.as_ref()?.baud));
+    let given = |model: &LinkModel| model.encoding.baud().filter(|baud| *baud != own(model).unwrap_or(DEFAULT_BAUD));
+    ports.filter_map(given).next()
 }
 
 /// CAN base of the recorded link, else of the first CAN link, unless it is the default.

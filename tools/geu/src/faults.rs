@@ -75,7 +75,7 @@ fn text(device: &Device, link: Option<Transport>) -> String {
     if link.is_none() {
         lines.push("\nParameters (parameter = \"effect.number\", course = { … }):".to_owned());
         for target in ParameterRef::all() {
-            let (min, max) = target.limits();
+            let (min, max) = target.limits_of(device);
             let limits = target.number().form.limits(min, max);
             let gyros = target.gyros(device);
             let scope_name = match gyros.len() {
@@ -111,7 +111,7 @@ fn text(device: &Device, link: Option<Transport>) -> String {
             if let Some(for_s) = spec.for_s {
                 lines.push(format!("    for_s: {for_s:?} where not named"));
             }
-            lines.extend(refusals(spec, link));
+            lines.extend(refusals(device, spec, link));
         }
     }
     if link.is_none() {
@@ -128,7 +128,10 @@ fn text(device: &Device, link: Option<Transport>) -> String {
 }
 
 /// The transports that do not support a fault, with the reasons.
-fn refusals(spec: &FaultSpec, link: Option<Transport>) -> Vec<String> {
-    let asked = spec.unable.iter().filter(|(kind, _)| link.is_none_or(|link| link == *kind));
-    asked.map(|(kind, reason)| format!("    not on {}: {reason}", kind.name())).collect()
+fn refusals(device: &Device, spec: &FaultSpec, link: Option<Transport>) -> Vec<String> {
+    let asked = Transport::ALL.into_iter().filter(|kind| link.is_none_or(|link| link == *kind));
+    let of_unit =
+        |kind: Transport| device.unable(spec.code, kind == Transport::Can).filter(|_| spec.scope == Scope::Link);
+    let reason = |kind: Transport| Some((kind, spec.unable_on(kind).or_else(|| of_unit(kind))?));
+    asked.filter_map(reason).map(|(kind, reason)| format!("    not on {}: {reason}", kind.name())).collect()
 }

@@ -10,7 +10,7 @@ use serde_json::Value;
 use ureq::http::Method;
 
 use crate::command_error::{CommandError, print};
-use crate::control_client::EmulatorArgs;
+use crate::control_client::{ControlClient, EmulatorArgs};
 use crate::inject;
 
 /// Lines of the event log below the values.
@@ -42,9 +42,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let is_screen = stdout().is_terminal() && !arguments.lines;
     let mut events: VecDeque<String> = VecDeque::new();
     let mut left = arguments.count.unwrap_or(u64::MAX);
-    let catalogue = emulator.ask(Method::GET, "/api/catalogue", None)?;
-    let gyros = catalogue["gyros"].as_array().into_iter().flatten().filter_map(Value::as_str);
-    let gyros: Vec<String> = gyros.map(str::to_owned).collect();
+    let mut gyros: Option<Vec<String>> = None;
     loop {
         for event in emulator.follow()? {
             let event = event?;
@@ -63,12 +61,13 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
                 }
                 continue;
             }
+            let gyros = gyros.get_or_insert_with(|| names(&emulator));
             if is_screen {
-                let figures = figures(&gyros, &event.data);
+                let figures = figures(gyros, &event.data);
                 let events: String = events.iter().map(|line| format!("{line}\n")).collect();
                 print(format_args!("{HOME}{}\n{figures}\n{events}", emulator.which))?;
             } else {
-                print(format_args!("{}\n", line(&gyros, &event.data)))?;
+                print(format_args!("{}\n", line(gyros, &event.data)))?;
             }
             left -= 1;
             if left == 0 {
@@ -80,6 +79,13 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
             return Err(CommandError::failed("the emulator has ended"));
         }
     }
+}
+
+/// Names of the gyros; none of an emulator that does not answer, which is said later.
+fn names(emulator: &ControlClient) -> Vec<String> {
+    let catalogue = emulator.ask(Method::GET, "/api/catalogue", None).unwrap_or_default();
+    let names = catalogue["gyros"].as_array().into_iter().flatten().filter_map(Value::as_str);
+    names.map(str::to_owned).collect()
 }
 
 fn number(value: &Value) -> f64 {

@@ -145,6 +145,15 @@ fn verify_links(device: &Device, links: &[LinkAddress]) -> Result<(), CommandErr
             let link = link.kind().name();
             return Err(CommandError::input(format!("{name}: expected a link that it has, {others}, got --{link}")));
         }
+        if let (LinkAddress::Serial(address), Some(serial)) = (link, &device.serial)
+            && let Some(baud) = address.baud
+            && serial.line_s(baud) > device.interval_s
+        {
+            let (port, line_s, interval_s) = (&address.device, serial.line_s(baud), device.interval_s);
+            return Err(CommandError::input(format!(
+                "--serial {port}:{baud}: expected a rate at which the frames of a sample take at most its interval of {interval_s} s, got {line_s:.6} s"
+            )));
+        }
         if let LinkAddress::Can(address) = link
             && address.plan != CanIdMap::default()
         {

@@ -221,7 +221,10 @@ impl ConfigArgs {
     /// # Errors
     /// The file cannot be read, is not valid, or is of another unit.
     pub fn read(&self) -> Result<Configuration, CommandError> {
-        self.read_for(Some(&Device::iras()))
+        let mut configuration = self.read_for(Some(&Device::iras()))?;
+        // Prescribed rates are of a run, and replace the scenario there; here the unit alone counts.
+        configuration.motion.clear();
+        Ok(configuration)
     }
 
     /// Reads the configuration of any unit.

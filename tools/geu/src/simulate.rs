@@ -58,7 +58,9 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let configuration = &ready.configuration;
     if arguments.svg.is_some() && !configuration.device.is_iras() {
         let name = &configuration.device.name;
-        return Err(CommandError::input(format!("--svg: expected the default unit, whose figures these are, got {name}")));
+        return Err(CommandError::input(format!(
+            "--svg: expected the default unit, which the figures show, got {name}"
+        )));
     }
     let out = match &arguments.out {
         Some(out) => {

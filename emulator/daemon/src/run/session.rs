@@ -8,7 +8,8 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use geu_protocol::Sample;
+use geu_model::CompletedSample;
+use geu_model::device::Device;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::oneshot;
 use tokio::time::MissedTickBehavior;
@@ -107,7 +108,8 @@ impl Session {
     pub async fn keep_cadence<T: Send + 'static>(
         &self,
         links: &[Arc<LinkStatistics>],
-        last_sample: impl Fn() -> Option<Sample>,
+        device: &Device,
+        last_sample: impl Fn() -> Option<CompletedSample>,
         work: impl FnOnce() -> T + Send + 'static,
     ) -> Result<T, RunError> {
         let (done, mut is_done) = oneshot::channel();
@@ -128,7 +130,7 @@ impl Session {
                 }
                 _ = status.tick(), if wants_status => {
                     let clients = links.iter().map(|link| link.clients.load(Relaxed)).sum();
-                    console::show_status(last_sample().as_ref(), clients, &self.monitor.counts().lateness);
+                    console::show_status(device, last_sample(), clients, &self.monitor.counts().lateness);
                 }
             }
         }

@@ -174,7 +174,7 @@ async fn run_unit(
     let links = links.into_iter().map(|link| LinkOutput::new(link, unit.device.interval_ns())).collect();
     let (own_session, own_unit, own_settings) = (session.clone(), unit.clone(), settings.clone());
     let work = move || CadenceLoop::run(own_session, own_unit, own_settings, links);
-    let (result, links) = session.keep_cadence(&statistics, || unit.completed(), work).await?;
+    let (result, links) = session.keep_cadence(&statistics, &unit.device, || unit.completed(), work).await?;
     await_readers(&links).await;
     drop(links);
     drop(server);

@@ -13,7 +13,6 @@ use geu_model::device::Device;
 use geu_model::fault::Fault;
 use geu_model::fault::engine::{FaultEngine, FaultStatus};
 use geu_model::{CompletedSample, Configuration, InjectionRecord, Truth};
-use geu_protocol::Sample;
 use tokio::sync::Notify;
 
 use crate::cadence::Speed;
@@ -35,7 +34,7 @@ pub(crate) trait Observer: Send {
 /// A sample before its deadline: ended in the unit a moment early, so that it can be encoded in time. Until the deadline has
 /// passed no command is executed, so that the unit, the recording and a POLL agree on the order.
 struct PendingSample {
-    sample: Sample,
+    sample: CompletedSample,
     /// Published at the deadline.
     events: Vec<UnitEvent>,
 }
@@ -43,7 +42,7 @@ struct PendingSample {
 struct Inner {
     source: EventSource,
     /// The last sample with a deadline in the past, which a POLL returns.
-    completed: Option<Sample>,
+    completed: Option<CompletedSample>,
     pending: Option<PendingSample>,
     recording: Option<Feed>,
     observer: Option<Box<dyn Observer>>,
@@ -139,7 +138,7 @@ impl SharedUnit {
             true => inner.source.end_sample(&mut events),
             false => inner.source.end_sample_untraced(&mut events),
         };
-        inner.pending = Some(PendingSample { sample: ended.sample, events });
+        inner.pending = Some(PendingSample { sample: ended, events });
         (ended, inner.source.unit.injected().cloned())
     }
 
@@ -160,7 +159,7 @@ impl SharedUnit {
     }
 
     /// The last sample with a deadline in the past.
-    pub fn completed(&self) -> Option<Sample> {
+    pub fn completed(&self) -> Option<CompletedSample> {
         self.lock().completed
     }
 

@@ -1,9 +1,9 @@
 //! A motion of prescribed rates about the control axes, as a rate table makes it: segments one after the other, then rest.
 //!
 //! Within a segment a rate is the sum of a straight line, a sine, and a random course: independent normal numbers at equal
-//! intervals, joined by straight lines. All integrals are exact.
+//! intervals, joined by straight lines. All integrals are exact. θ is not known, and taken as 90°, where it turns nothing.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{FRAC_PI_2, TAU};
 
 use super::MotionState;
 use crate::fault::FaultRng;
@@ -140,7 +140,7 @@ impl RateMotion {
         let (rate_control_arcsec_s, angle) = self.within((t_s - self.start_s).max(0.0));
         let turned = std::array::from_fn(|axis| angle[axis] - self.angle_arcsec[axis]);
         self.angle_arcsec = angle;
-        (turned, MotionState { t_s, rate_control_arcsec_s, ..MotionState::default() })
+        (turned, MotionState { t_s, rate_control_arcsec_s, theta_rad: FRAC_PI_2, psi_rad: 0.0 })
     }
 
     /// Rates and angles at a time within the segment.
@@ -202,7 +202,7 @@ mod tests {
         let mut motion = RateMotion::new(&segments[..1], 5);
         let (turned, at_end) = motion.advance(20.0);
         assert!((turned[0] - 1.5 * 3600.0).abs() < 1e-9 && (turned[2] - 1.5 * 3600.0).abs() < 1e-9, "{turned:?}");
-        assert_eq!(at_end.rate_control_arcsec_s, [0.0; 3]);
+        assert_eq!((at_end.rate_control_arcsec_s, at_end.theta_rad), ([0.0; 3], FRAC_PI_2));
         assert!(length_s(&segments) == 9.7);
     }
 

@@ -37,7 +37,7 @@ numbers! {
         probability: 1.0, 1e-9..=1.0, "";
         /// waits to be started by somebody at the bench
         by_hand: 0.0, 0.0..=1.0, "", Flag;
-        /// how long it acts, a sample or longer; without end where not named
+        /// how long it acts, a sample interval or more; without end where not named
         for_s: absent, 1e-5..=LATEST_S, "s";
         /// ends then at the latest, a parameter returns from then on; starts no more
         until_s: absent, 0.0..=LATEST_S, "s";
@@ -212,6 +212,7 @@ fn read_fault(node: &Node, identifiers: &mut Identifiers, links: &[Transport]) -
         Expression::about(node.text(key)?, node.device()).map(Some).map_err(|expected| node.unexpected(key, &expected))
     };
     let FaultNumbers { at_s, probability, by_hand, for_s, until_s, release_s, times } = node.numbers()?;
+    long_enough(node, "for_s", for_s)?;
     if until_s <= at_s {
         return Err(node.unexpected("until_s", &format!("a time after at_s, which is {at_s},")));
     }
@@ -293,6 +294,15 @@ fn read_link(node: &Node, spec: &FaultSpec) -> Read<Option<Transport>> {
     }
 }
 
+/// Refuses a time that is shorter than a sample of the unit; NaN is none.
+fn long_enough(node: &Node, key: &str, time_s: f64) -> Read<()> {
+    let interval_s = node.device().interval_s;
+    match time_s < interval_s {
+        true => Err(node.unexpected(key, &format!("a sample interval, {interval_s} s, or more"))),
+        false => Ok(()),
+    }
+}
+
 /// Refuses a fault of links that no link of the unit can have.
 fn verify_unit(node: &Node, spec: &FaultSpec, link: Option<Transport>) -> Read<()> {
     let kinds = link.map_or_else(|| spec.links(), |link| vec![link]);
@@ -325,8 +335,7 @@ fn read_course(node: &Node, target: &ParameterRef) -> Read<(f64, TimeProfile)> {
     };
     let numbers: Vec<&str> = kind.shapes.iter().map(|number| number.name).collect();
     course.only(&[&[kind.name][..], &numbers].concat())?;
-    let (min, max) = target.limits();
-    let (min, max) = node.device().widening().limits(target.number().unit, min, max);
+    let (min, max) = target.limits_of(node.device());
     let size = course.value(kind.name, target.number().form, min, max)?.expect("a key of the table");
     if size == 0.0 && !target.is_switch() {
         return Err(course.unexpected(kind.name, "a number other than 0, with which nothing changes,"));
@@ -354,6 +363,8 @@ pub(super) fn read_expectations(root: &Node, before: &[Expectation], faults: &[F
         let after = if node.keys().contains(&"after") { Some(node.text("after")?) } else { None };
         known.check(node, "after", after)?;
         let ExpectationNumbers { at_s, within_s, throughout_s } = node.numbers()?;
+        long_enough(node, "within_s", within_s)?;
+        long_enough(node, "throughout_s", throughout_s)?;
         let window = match (within_s.is_nan(), throughout_s.is_nan()) {
             (false, true) => TimeWindow::Within(within_s),
             (true, false) => TimeWindow::Throughout(throughout_s),

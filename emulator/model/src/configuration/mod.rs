@@ -231,6 +231,9 @@ impl Configuration {
         let mut configuration = Configuration::neutral(device);
         tree::read(&mut configuration.tree(), root)?;
         scenario::verify(root, &configuration.scenario)?;
+        if !configuration.motion.is_empty() && !configuration.scenario.manoeuvres.is_empty() {
+            return Err(root.error("motion", "expected either [[motion]] or [[manoeuvre]], got both".to_owned()));
+        }
         let run = &configuration.run;
         configuration.faults = fault::read_faults(root, &[], &run.fault_links(), run.injected.len())?;
         configuration.expectations = fault::read_expectations(root, &[], &configuration.faults)?;

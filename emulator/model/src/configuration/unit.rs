@@ -10,6 +10,8 @@ use super::tree::{Part, line, one, quoted};
 use crate::device::{DEVICES, Device, DeviceText};
 
 const KEY: &str = "device";
+/// Name of the default unit.
+const IRAS: &str = "iras";
 
 /// The unit that a configuration names; it must be `asked`, if there is one.
 ///
@@ -20,6 +22,7 @@ pub(super) fn read(root: &Node, asked: Option<&Arc<Device>>) -> Read<Arc<Device>
         return Ok(asked.cloned().unwrap_or_else(Device::iras));
     }
     let device = match root.text(KEY) {
+        Ok(IRAS) => (*Device::iras()).clone(),
         Ok(name) => Device::from_name(name).ok_or_else(|| {
             let names: Vec<&str> = DEVICES.iter().map(|(name, _)| *name).collect();
             let hint = did_you_mean(name, &names);
@@ -29,7 +32,9 @@ pub(super) fn read(root: &Node, asked: Option<&Arc<Device>>) -> Read<Arc<Device>
     };
     match asked {
         Some(asked) if **asked != device => {
-            Err(root.error(KEY, format!("expected the unit that was asked for, {}, got {}", asked.name, device.name)))
+            let differs = if asked.name == device.name { " with another description" } else { "" };
+            let (asked, got) = (&asked.name, &device.name);
+            Err(root.error(KEY, format!("expected the unit that was asked for, {asked}, got {got}{differs}")))
         }
         _ => Ok(Arc::new(device)),
     }
@@ -59,8 +64,8 @@ impl Part for &Device {
         if complete {
             line!(text, "# The unit: a known one, or {{ name, text of its description, files that it names }}.");
         }
-        if description.is_empty() {
-            return line!(text, "{key} = {}", quoted(name));
+        if let Some(known) = self.known_name() {
+            return line!(text, "{key} = {}", quoted(known));
         }
         let files: Vec<String> =
             files.iter().map(|(name, text)| format!("{} = {}", quoted(name), quoted(text))).collect();

@@ -69,9 +69,9 @@ impl Head {
 }
 
 /// The text of a description, and of the files that it names.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default)]
 pub struct DeviceText {
-    /// Name of the unit, or of the file.
+    /// Name of the unit, or of the file; descriptions with the same text are the same.
     pub name: String,
     pub text: String,
     pub files: Vec<(String, String)>,
@@ -97,10 +97,10 @@ pub struct Device {
     pub can: Option<CanWire>,
 }
 
-/// Descriptions with the same text are the same.
 impl PartialEq for Device {
     fn eq(&self, other: &Device) -> bool {
-        self.description == other.description
+        let (own, other) = (&self.description, &other.description);
+        (&own.text, &own.files) == (&other.text, &other.files)
     }
 }
 
@@ -141,8 +141,13 @@ impl Device {
             known.map(|(_, text)| (*text).to_owned()).ok_or_else(|| "no such file".to_owned())
         };
         let device = Device::parse(&format!("{name}.toml"), text, &files);
-        let description = DeviceText { name: (*name).to_owned(), ..DeviceText::default() };
-        Some(Device { description, ..device.unwrap_or_else(|error| panic!("{error}")) })
+        Some(device.unwrap_or_else(|error| panic!("{error}")))
+    }
+
+    /// Name of a known unit with this description.
+    pub fn known_name(&self) -> Option<&'static str> {
+        let known = DEVICES.iter().find(|(_, text)| *text == self.description.text).map(|(name, _)| *name);
+        known.filter(|name| Device::from_name(name).is_some_and(|device| device == *self))
     }
 
     /// The default unit, four floated gyros with outputs of 16 bits (Casteren §2, §5).

@@ -7,8 +7,8 @@ use super::{Device, Head, Output};
 use crate::parameter_spec::Widening;
 use crate::units::FULL_SCALE_ARCSEC_S;
 
-/// Factor of the largest relative errors of described units: 10 % in place of 2000 ppm.
-const DESCRIBED_PPM: f64 = 50.0;
+/// Smallest limit of relative errors of described units, ppm.
+const DESCRIBED_PPM: f64 = 1e5;
 
 impl Device {
     /// True for the default unit, with commands and links of its own.
@@ -41,11 +41,11 @@ impl Device {
         (-most, most)
     }
 
-    /// Limits of angles and rates grow with the range of the unit; relative errors are limited as of fibre-optic and MEMS gyros.
+    /// Limits of rates grow with the range of the unit; relative errors may be as large as of MEMS gyros.
     pub fn widening(&self) -> Widening {
         match self.is_iras() {
             true => Widening::default(),
-            false => Widening { arcsec: (self.range_arcsec_s / FULL_SCALE_ARCSEC_S).max(1.0), ppm: DESCRIBED_PPM },
+            false => Widening { rate_factor: (self.range_arcsec_s / FULL_SCALE_ARCSEC_S).max(1.0), ppm: DESCRIBED_PPM },
         }
     }
 

@@ -15,6 +15,9 @@ use crate::parameter_spec::ValueFormat;
 /// A field without scale and offset.
 const PLAIN: Unstated = Unstated { scale: 1.0, offset: 0.0, unit: "" };
 
+/// Most checks of a frame: each has tables.
+const MAX_CHECKS: usize = 4;
+
 /// Longest frame, byte.
 const MAX_FRAME: usize = 1024;
 
@@ -29,6 +32,13 @@ pub struct SerialWire {
 }
 
 impl SerialWire {
+    /// Time of the frames of a sample on a line of this rate, s.
+    pub fn line_s(&self, baud: u32) -> f64 {
+        let frames = self.frames.frames.iter().filter(|frame| frame.instead_of.is_none());
+        let bits = |frame: &Frame| frame.length() as f64 * f64::from(BITS_PER_BYTE) / f64::from(frame.every);
+        frames.map(bits).sum::<f64>() / f64::from(baud)
+    }
+
     pub(super) fn read(node: &Node, device: &Device) -> Result<SerialWire, ConfigurationError> {
         node.only(&["baud", "frame"])?;
         let baud = match node.keys().contains(&"baud") {
@@ -36,13 +46,10 @@ impl SerialWire {
             false => DEFAULT_BAUD,
         };
         let mut fields = Fields::new(device, Vec::new());
-        let (mut is_unchecked, mut line_s) = (false, 0.0);
+        let mut is_unchecked = false;
         let nodes = node.tables("frame")?;
         for node in &nodes {
             let (frame, unchecked) = frame(node, &mut fields)?;
-            let sent = if frame.instead_of.is_some() { 0.0 } else { 1.0 };
-            line_s +=
-                sent * frame.length() as f64 * f64::from(BITS_PER_BYTE) / f64::from(baud) / f64::from(frame.every);
             is_unchecked |= unchecked;
             fields.set.frames.push(frame);
         }
@@ -55,6 +62,9 @@ impl SerialWire {
         if fields.set.frames.iter().all(|frame| frame.every > 1) {
             return Err(nodes[0].unexpected("every", "1 for one frame or more"));
         }
+        fields.check(node, "frame")?;
+        let wire = SerialWire { baud, frames: Arc::new(fields.set), is_unchecked };
+        let line_s = wire.line_s(baud);
         if line_s > device.interval_s {
             let message = format!(
                 "expected frames that take at most the sample interval of {} s, got {line_s:.6} s a sample at {baud} baud",
@@ -62,8 +72,7 @@ impl SerialWire {
             );
             return Err(node.error("baud", message));
         }
-        fields.check(node, "frame")?;
-        Ok(SerialWire { baud, frames: Arc::new(fields.set), is_unchecked })
+        Ok(wire)
     }
 }
 
@@ -170,6 +179,9 @@ fn add(node: &Node, at: usize, frame: &mut Frame, fields: &mut Fields) -> Result
         frame.set_ignored(at, &bytes(node, "ignored")?);
     } else if has("crc") {
         node.only(&[&CHECK_KEYS[..], &["type"]].concat())?;
+        if frame.checks.len() == MAX_CHECKS {
+            return Err(node.error("crc", format!("expected at most {MAX_CHECKS} checks in a frame, got more")));
+        }
         frame.checks.push(check(node, BitField::bytes(at, number(node)?), frame.length())?);
     } else if has("bits") {
         node.only(&["bits", "type"])?;

@@ -8,7 +8,7 @@ use std::sync::LazyLock;
 use geu_protocol::{Gyro, named};
 
 use crate::fault::ParameterRef;
-use crate::parameter_spec::{ParameterSet, ParameterSpec, named_gyro, numbers};
+use crate::parameter_spec::{ParameterSet, ParameterSpec, numbers};
 use crate::time_profile::{self, TimeProfile};
 pub use link_fault::LinkFault;
 
@@ -180,7 +180,7 @@ impl FaultSpec {
                 Some(("gyro_flags", "a mask with at least one bit, here or in `unit_flags`,".to_owned()))
             }
             FaultAction::Parameter { size, .. }
-                if gyro.is_some() && named_gyro(size) == gyro && self.code == "axis-swap" =>
+                if gyro.is_some_and(|gyro| size == gyro.index() as f64 + 1.0) && self.code == "axis-swap" =>
             {
                 other("with", "its own gyro")
             }

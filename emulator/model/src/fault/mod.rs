@@ -126,6 +126,12 @@ impl ParameterRef {
         (min.max(-UNLIMITED), max.min(UNLIMITED))
     }
 
+    /// Limits of that for a unit.
+    pub fn limits_of(&self, device: &Device) -> (f64, f64) {
+        let (min, max) = self.limits();
+        device.widening().limits(self.number().unit, min, max)
+    }
+
     /// Gyros of a unit that have it; empty for a parameter of the unit.
     pub fn gyros(&self, device: &Device) -> Vec<Gyro> {
         let has = |head: &&Head| {

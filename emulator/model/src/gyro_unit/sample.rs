@@ -7,6 +7,8 @@ use crate::device::MAX_HEADS;
 /// Outputs of the heads over a sample interval, of any unit.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Outputs {
+    /// Number of the sample since the run began.
+    pub index: u64,
     /// Number of the sample since the sequence began.
     pub number: u64,
     /// Counts of each head.

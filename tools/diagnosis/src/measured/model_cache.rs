@@ -16,6 +16,9 @@ use super::series::{CHANNELS, Shifts, TIMING};
 /// Cached runs: a run for each free parameter of a few alternating states.
 const KEPT: usize = 24;
 
+/// Longest recording of which the motion is kept, two days: it takes 680 bytes a sample.
+const MAX_KEPT_SAMPLES: usize = 345_600;
+
 /// The last runs on one recording.
 #[derive(Debug, Default)]
 pub(super) struct ModelCache {
@@ -72,9 +75,12 @@ impl ModelCache {
     pub(super) fn sub_steps(&self, unit: &GyroUnit, lag_s: f64, samples: usize) -> Option<Arc<Vec<SubStep>>> {
         let mut kept = self.sub_steps.lock().unwrap_or_else(PoisonError::into_inner);
         match &*kept {
-            _ if !unit.keeps_time() => None,
+            _ if samples > MAX_KEPT_SAMPLES || !unit.keeps_time() => None,
             Some((own_s, steps)) if *own_s == lag_s => Some(steps.clone()),
-            _ => Some(kept.insert((lag_s, Arc::new(unit.sub_steps(samples)))).1.clone()),
+            _ => {
+                *kept = None;
+                Some(kept.insert((lag_s, Arc::new(unit.sub_steps(samples)))).1.clone())
+            }
         }
     }
 

@@ -113,6 +113,6 @@ function meaning(field, hex) {
     return names.join(", ") || "none";
   }
   if (field.signed && number >= 2 ** (8 * field.length - 1)) number -= 2 ** (8 * field.length);
-  const decimals = Math.max(0, -Math.floor(Math.log10(field.scale)));
+  const decimals = Math.min(12, Math.max(0, -Math.floor(Math.log10(Math.abs(field.scale)))));
   return `${(number * field.scale + (field.offset ?? 0)).toFixed(decimals).replace("-", "−")} ${field.unit.replace("degC", "°C")}`.trim();
 }

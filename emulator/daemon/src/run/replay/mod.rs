@@ -15,6 +15,7 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::Receiver;
 use std::sync::{Arc, Mutex};
 
+use geu_model::CompletedSample;
 use geu_model::fault::catalogue::FaultAction;
 use geu_model::fault::engine::FaultEngine;
 use geu_model::fault::expectation::Expectation;
@@ -123,15 +124,15 @@ async fn replay_items(
     links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.info().statistics.name));
     let statistics: Vec<_> = links.iter().map(|link| link.info().statistics.clone()).collect();
     let links = links.into_iter().map(|link| LinkOutput::new(link, unit.device.interval_ns())).collect();
-    let shown = Arc::new(Mutex::new(None));
-    let last_sample = || *shown.lock().expect("no panic while locked");
+    let shown = Arc::new(Mutex::new(None::<geu_protocol::Sample>));
+    let last_sample = || shown.lock().expect("no panic while locked").map(CompletedSample::from);
     let (own_session, own_settings, own_shown) = (session.clone(), settings.clone(), shown.clone());
     let work = move || {
         let mut player = Player::new(&own_settings, links, items, steps, own_session, own_shown);
         player.play();
         player
     };
-    let player = session.keep_cadence(&statistics, last_sample, work).await?;
+    let player = session.keep_cadence(&statistics, &unit.device, last_sample, work).await?;
     await_readers(&player.links.outputs).await;
     console::clear_status();
     let cadence = session.monitor.counts();

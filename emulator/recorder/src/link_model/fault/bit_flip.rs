@@ -23,7 +23,18 @@ impl LinkBehaviour for BitFlip {
                 }
                 (Encoding::Can(_) | Encoding::DescribedCan(_), _) => 0..length,
             };
-            places.extend(covered.flat_map(|byte| (0..8).map(move |bit| (index, byte, bit))));
+            let frame = context.encoding.device().filter(|_| !is_after_crc).and_then(|device| frame_of(device, message));
+            // Of a frame with right checks neither these nor its constants are changed.
+            let kept = frame.map(|frame| {
+                let mut kept = frame.required().to_vec();
+                for check in &frame.checks {
+                    kept.iter_mut().zip(check.place.used(frame.length())).for_each(|(kept, own)| *kept |= own);
+                }
+                kept
+            });
+            let bits = covered.flat_map(|byte| (0..8).map(move |bit| (byte, bit)));
+            let is_free = |(byte, bit): &(usize, u8)| kept.as_ref().is_none_or(|kept| kept[*byte] >> bit & 1 == 0);
+            places.extend(bits.filter(is_free).map(|(byte, bit)| (index, byte, bit)));
         }
         let mut draw = context.draw();
         for _ in 0..(self.bits as u64).min(places.len() as u64) {
