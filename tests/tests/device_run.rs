@@ -178,7 +178,7 @@ at_s = 1.0
     assert!(counts[1999] != 777.0 && counts[4000] != 777.0);
     let summary = run(&["decode", "--device", "stim300", "--format", "summary"], &[&run_of.join("link.bin")]);
     let summary = String::from_utf8(summary.stdout).expect("UTF-8");
-    // A thousand datagrams with a changed bit, none read; the sequence jumps by 5 and back, which is a gap of 5 and one of 251.
+    // A thousand datagrams with a changed bit are not read; the sequence jumps by 5 and back, which is a gap of 5 and of 251.
     let gaps: Vec<&str> = summary.lines().filter(|line| line.starts_with("gap ")).collect();
     assert!(gaps.iter().any(|gap| gap.split_whitespace().nth(1) == Some("5")), "{gaps:?}");
     assert!(summary.contains("frames-RATE_TEMPERATURE  9000"), "{summary}");

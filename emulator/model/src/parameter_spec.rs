@@ -94,7 +94,7 @@ impl ParameterSpec {
     }
 }
 
-/// Limits of a unit against those of the default unit: a factor for rates, and the smallest limit of relative errors, ppm.
+/// Limits of a unit against the default unit: a factor for rates, and the smallest limit of relative errors, ppm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Widening {
     pub rate_factor: f64,

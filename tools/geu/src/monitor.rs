@@ -81,7 +81,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     }
 }
 
-/// Names of the gyros; none of an emulator that does not answer, which is said later.
+/// Names of the gyros; empty for an emulator that does not answer, which is said later.
 fn names(emulator: &ControlClient) -> Vec<String> {
     let catalogue = emulator.ask(Method::GET, "/api/catalogue", None).unwrap_or_default();
     let names = catalogue["gyros"].as_array().into_iter().flatten().filter_map(Value::as_str);

@@ -23,7 +23,8 @@ impl LinkBehaviour for BitFlip {
                 }
                 (Encoding::Can(_) | Encoding::DescribedCan(_), _) => 0..length,
             };
-            let frame = context.encoding.device().filter(|_| !is_after_crc).and_then(|device| frame_of(device, message));
+            let frame =
+                context.encoding.device().filter(|_| !is_after_crc).and_then(|device| frame_of(device, message));
             // Of a frame with right checks neither these nor its constants are changed.
             let kept = frame.map(|frame| {
                 let mut kept = frame.required().to_vec();
