@@ -182,6 +182,10 @@ at_s = 1.0
     let gaps: Vec<&str> = summary.lines().filter(|line| line.starts_with("gap ")).collect();
     assert!(gaps.iter().any(|gap| gap.split_whitespace().nth(1) == Some("5")), "{gaps:?}");
     assert!(summary.contains("frames-RATE_TEMPERATURE  9000"), "{summary}");
+    // The recording has the unit.
+    let decoded =
+        run(&["decode", "--format", "summary", "--device"], &[&run_of.join("run.toml"), &run_of.join("link.bin")]);
+    assert_eq!(String::from_utf8(decoded.stdout).as_deref(), Ok(&*summary));
     let again = folder.path().join("again");
     let output =
         geu().arg("simulate").arg(run_of.join("run.toml")).arg("--out").arg(&again).output().expect("geu starts");
@@ -215,9 +219,9 @@ fn what_a_unit_cannot_have_is_refused_with_the_reason() {
     refused(
         &stim(""),
         &["calibrate", "--link", "x.log", "--reference", "x.csv", "--config"],
-        "IRAS gyro unit, got Safran",
+        "configuration of IRAS gyro unit, got Safran",
     );
-    refused(&stim(""), &["config", "check", "--device", "tetrad"], "Skewed tetrad, got Safran");
+    refused(&stim(""), &["config", "check", "--device", "tetrad"], "configuration of Skewed tetrad, got Safran");
     refused(&stim("[[motion]]\nx_deg_s = 1\n"), &check, "duration_s");
     let both = "[[manoeuvre]]\nkind = \"pointing\"\nduration_s = 10\n[[motion]]\nduration_s = 1\n";
     refused(both, &check, "either [[motion]] or [[manoeuvre]]");

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use clap::Args;
 use geu_daemon::control::DEFAULT_ADDRESS;
+use geu_protocol::Gyro;
 use serde_json::Value;
 use ureq::http::{Method, Request, StatusCode};
 use ureq::{Agent, AsSendBody};
@@ -79,6 +80,14 @@ impl ControlClient {
         let control = address.trim_start_matches("http://").trim_end_matches('/').to_owned();
         let which = format!("control http://{control}/");
         Ok(ControlClient { control, token: token.read()?, which })
+    }
+
+    /// Names of the gyros; as of the default unit if the emulator does not answer, which is said later.
+    pub fn gyros(&self) -> Vec<String> {
+        let catalogue = self.ask(Method::GET, "/api/catalogue", None).unwrap_or_default();
+        let names = catalogue["gyros"].as_array().into_iter().flatten().filter_map(Value::as_str);
+        let names: Vec<String> = names.map(str::to_owned).collect();
+        if names.is_empty() { Gyro::NAMES.map(str::to_owned).to_vec() } else { names }
     }
 
     /// Sends a request and returns the answer.

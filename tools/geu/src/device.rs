@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::{Args, Subcommand};
+use geu_model::Configuration;
 use geu_model::device::{DEVICES, Device};
 use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::Gyro;
@@ -103,8 +104,15 @@ fn description(path: &Path) -> Result<String, CommandError> {
 
 fn read(path: &Path) -> Result<Device, CommandError> {
     let text = description(path)?;
+    // A recording's configuration has its unit.
+    let name = path.display().to_string();
+    if let Ok(configuration) = Configuration::parse(&name, &text, &[])
+        && !configuration.device.is_iras()
+    {
+        return Ok((*configuration.device).clone());
+    }
     let beside = |file: &str| database(&path.with_file_name(file));
-    Device::parse(&path.display().to_string(), &text, &beside).map_err(CommandError::input)
+    Device::parse(&name, &text, &beside).map_err(CommandError::input)
 }
 
 /// Runs `geu device`.

@@ -7,8 +7,9 @@ use geu_model::configuration::fault::{ExpectationNumbers, FAULT_TEXTS, FaultNumb
 use geu_model::device::Device;
 use geu_model::fault::catalogue::{CATALOGUE, FaultSpec, Scope, Transport};
 use geu_model::fault::{EffectList, ParameterRef, expression};
-use geu_model::parameter_spec::{DefaultValue, ParameterSpec};
+use geu_model::parameter_spec::{DefaultValue, ParameterSpec, ValueFormat};
 use geu_model::time_profile::FAULT_PROFILES;
+use geu_protocol::Gyro;
 use geu_protocol::suggestion::did_you_mean;
 
 use crate::command_error::CommandError;
@@ -61,13 +62,17 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     }
 }
 
-fn number(spec: &ParameterSpec) -> String {
+fn number(device: &Device, spec: &ParameterSpec) -> String {
     let default = match spec.default {
         DefaultValue::Value(value) => format!("; default {}", spec.written(value)),
         DefaultValue::Required => "; required".to_owned(),
         DefaultValue::Absent => String::new(),
     };
-    format!("{}: {} ({}{default})", spec.name, spec.meaning, spec.limits())
+    let limits = match spec.form {
+        ValueFormat::Gyro => ValueFormat::limits_of(&device.gyros().map(Gyro::name).collect::<Vec<_>>()),
+        _ => spec.limits(),
+    };
+    format!("{}: {} ({limits}{default})", spec.name, spec.meaning)
 }
 
 fn text(device: &Device, link: Option<Transport>) -> String {
@@ -90,7 +95,7 @@ fn text(device: &Device, link: Option<Transport>) -> String {
         lines.push("\nCourses of a parameter:".to_owned());
         for kind in FAULT_PROFILES {
             lines.push(format!("  {:<10} {}", kind.name, kind.meaning));
-            lines.extend(kind.shapes.iter().map(|spec| format!("    {}", number(spec))));
+            lines.extend(kind.shapes.iter().map(|spec| format!("    {}", number(device, spec))));
         }
     }
     for scope in [Scope::Gyro, Scope::Unit, Scope::Link] {
@@ -107,7 +112,7 @@ fn text(device: &Device, link: Option<Transport>) -> String {
         lines.push(format!("\nFaults of {scope_name}:"));
         for spec in CATALOGUE.iter().filter(|spec| spec.scope == scope) {
             lines.push(format!("  {:<18} {}", spec.code, spec.meaning));
-            lines.extend(spec.numbers.iter().map(|spec| format!("    {}", number(spec))));
+            lines.extend(spec.numbers.iter().map(|spec| format!("    {}", number(device, spec))));
             if let Some(for_s) = spec.for_s {
                 lines.push(format!("    for_s: {for_s:?} where not named"));
             }
@@ -117,12 +122,15 @@ fn text(device: &Device, link: Option<Transport>) -> String {
     if link.is_none() {
         lines.push("\nWhen and how long, of every fault:".to_owned());
         lines.extend(FAULT_TEXTS.iter().map(|(key, meaning)| format!("  {key}: {meaning}")));
-        lines.extend(FaultNumbers::NUMBERS.iter().map(|spec| format!("  {}", number(spec))));
+        lines.extend(FaultNumbers::NUMBERS.iter().map(|spec| format!("  {}", number(device, spec))));
         lines.push("  seed: of what it draws; the run's where not named".to_owned());
         lines.push("\nConditions join comparisons (< <= > >= == !=, + - * / %) by and, or, not:".to_owned());
-        lines.extend(expression::vocabulary().iter().map(|(name, meaning)| format!("  {name:<20} {meaning}")));
+        lines.extend(expression::vocabulary().iter().map(|(name, meaning)| {
+            let name = name.replace(Gyro::X.name(), device.heads[0].gyro.name());
+            format!("  {name:<20} {meaning}")
+        }));
         lines.push("\nExpectations, [[expect]]: id, after (a fault), condition, and".to_owned());
-        lines.extend(ExpectationNumbers::NUMBERS.iter().map(|spec| format!("  {}", number(spec))));
+        lines.extend(ExpectationNumbers::NUMBERS.iter().map(|spec| format!("  {}", number(device, spec))));
     }
     lines.join("\n") + "\n"
 }

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use geu_model::fault::catalogue::Transport;
 use geu_model::time_profile::FAULT_PROFILES;
-use geu_protocol::Gyro;
 use geu_protocol::suggestion::did_you_mean;
 use serde_json::{Map, Value, json};
 use ureq::http::Method;
@@ -66,7 +65,11 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         let added = emulator.ask(Method::POST, "/api/faults", Some(plan))?;
         added.as_array().into_iter().flatten().try_for_each(print_started)?;
     } else if let Some(what) = &arguments.what {
-        print_started(&emulator.ask(Method::POST, "/api/faults", Some(&fault(what, &arguments.keys)?))?)?;
+        print_started(&emulator.ask(
+            Method::POST,
+            "/api/faults",
+            Some(&fault(what, &arguments.keys, || emulator.gyros())?),
+        )?)?;
     }
     if arguments.list { list(emulator) } else { Ok(()) }
 }
@@ -76,7 +79,7 @@ fn print_started(answer: &Value) -> Result<(), CommandError> {
 }
 
 /// Builds the request of a fault.
-fn fault(what: &str, keys: &[String]) -> Result<Value, CommandError> {
+fn fault(what: &str, keys: &[String], gyros: impl Fn() -> Vec<String>) -> Result<Value, CommandError> {
     let is_parameter = what.contains('.');
     let (mut fault, mut course) = (Map::new(), Map::new());
     fault.insert(if is_parameter { "parameter" } else { "fault" }.to_owned(), json!(what));
@@ -87,10 +90,11 @@ fn fault(what: &str, keys: &[String]) -> Result<Value, CommandError> {
         let (key, value) = match given.split_once('=') {
             Some((key, value)) => (key, read(value)),
             None if Transport::from_name(given).is_some() => ("link", json!(given)),
-            None if Gyro::from_name(given).is_some() => ("gyro", json!(given)),
+            None if gyros().contains(given) => ("gyro", json!(given)),
             None => {
-                let (gyros, links) = (Gyro::ALL.map(Gyro::name).join(", "), Transport::NAMES.join(", "));
-                let hint = did_you_mean(given, Gyro::ALL.map(Gyro::name).into_iter().chain(Transport::NAMES));
+                let names = gyros();
+                let hint = did_you_mean(given, names.iter().map(String::as_str).chain(Transport::NAMES));
+                let (gyros, links) = (names.join(", "), Transport::NAMES.join(", "));
                 return Err(CommandError::input(format!(
                     "{given}: {hint}expected a gyro ({gyros}), a transport ({links}), or KEY=VALUE"
                 )));

@@ -10,7 +10,7 @@ use serde_json::Value;
 use ureq::http::Method;
 
 use crate::command_error::{CommandError, print};
-use crate::control_client::{ControlClient, EmulatorArgs};
+use crate::control_client::EmulatorArgs;
 use crate::inject;
 
 /// Lines of the event log below the values.
@@ -61,7 +61,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
                 }
                 continue;
             }
-            let gyros = gyros.get_or_insert_with(|| names(&emulator));
+            let gyros = gyros.get_or_insert_with(|| emulator.gyros());
             if is_screen {
                 let figures = figures(gyros, &event.data);
                 let events: String = events.iter().map(|line| format!("{line}\n")).collect();
@@ -79,13 +79,6 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
             return Err(CommandError::failed("the emulator has ended"));
         }
     }
-}
-
-/// Names of the gyros; empty for an emulator that does not answer, which is said later.
-fn names(emulator: &ControlClient) -> Vec<String> {
-    let catalogue = emulator.ask(Method::GET, "/api/catalogue", None).unwrap_or_default();
-    let names = catalogue["gyros"].as_array().into_iter().flatten().filter_map(Value::as_str);
-    names.map(str::to_owned).collect()
 }
 
 fn number(value: &Value) -> f64 {

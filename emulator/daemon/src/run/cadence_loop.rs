@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 use std::thread;
+use std::time::{Duration, Instant};
 
 use geu_model::CompletedSample;
 use geu_model::fault::engine::ActiveFault;
@@ -19,6 +20,9 @@ use crate::shared_unit::SharedUnit;
 use crate::truth::SampleReport;
 use geu_recorder::link_model::CATCH_UP_NS;
 
+/// Shortest interval of reports of samples that were not sent.
+const REPORT_INTERVAL: Duration = Duration::from_secs(1);
+
 pub(super) struct CadenceLoop {
     links: TimedLinks,
     unit: Arc<SharedUnit>,
@@ -27,6 +31,7 @@ pub(super) struct CadenceLoop {
     last_end_ns: i64,
     /// Samples not sent since the last one sent.
     missed: u64,
+    reported: Option<Instant>,
 }
 
 impl CadenceLoop {
@@ -41,7 +46,7 @@ impl CadenceLoop {
         links: Vec<LinkOutput>,
     ) -> (Result<(), RunError>, Vec<LinkOutput>) {
         let links = TimedLinks::new(session, links, settings.spin);
-        let mut cadence = CadenceLoop { links, unit, settings, last_end_ns: 0, missed: 0 };
+        let mut cadence = CadenceLoop { links, unit, settings, last_end_ns: 0, missed: 0, reported: None };
         (cadence.run_samples(), cadence.links.outputs)
     }
 
@@ -59,7 +64,7 @@ impl CadenceLoop {
         }
         self.links.start();
         while !self.is_stopped() && self.step() {}
-        self.report_missed();
+        self.report_missed(true);
         self.links.end(self.last_end_ns);
         Ok(())
     }
@@ -108,7 +113,7 @@ impl CadenceLoop {
             self.report(frame, &ended);
             return true;
         }
-        self.report_missed();
+        self.report_missed(false);
         let acting: &[ActiveFault] = injected.as_ref().map_or(&[], |injected| &injected.acting);
         let sample = Some(&ended).filter(|_| ended.cyclic);
         for output in &mut self.links.outputs {
@@ -188,9 +193,14 @@ impl CadenceLoop {
         !self.settings.speed.is_faster_than_real() && is_past()
     }
 
-    fn report_missed(&mut self) {
+    /// Reports samples that were not sent; again after a second at the soonest, or at the end.
+    fn report_missed(&mut self, is_end: bool) {
+        if !is_end && self.reported.is_some_and(|reported| reported.elapsed() < REPORT_INTERVAL) {
+            return;
+        }
         let missed = std::mem::take(&mut self.missed);
         if missed > 0 {
+            self.reported = Some(Instant::now());
             self.links.session.monitor.record_missed(missed);
             let stalled = DurationNs(missed * self.unit.device.interval_ns() as u64);
             console::say(format_args!(

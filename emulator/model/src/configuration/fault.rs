@@ -199,7 +199,9 @@ fn read_fault(node: &Node, identifiers: &mut Identifiers, links: &[Transport]) -
         let link = if spec.scope == Scope::Link { read_link(node, spec)? } else { None };
         verify_unit(node, spec, link)?;
         // A fault that no link supports is rejected with its link.
-        let links = link.as_ref().map_or(links, std::slice::from_ref);
+        let has = |kind: &Transport| node.device().is_iras() || node.device().frames(*kind == Transport::Can).is_some();
+        let own: Vec<Transport> = links.iter().copied().filter(has).collect();
+        let links = link.as_ref().map_or(&own[..], std::slice::from_ref);
         if let Some((number, expected)) = spec.neutral(&values, gyro).or_else(|| spec.misfit(&values, links)) {
             return Err(node.unexpected(number, &expected));
         }

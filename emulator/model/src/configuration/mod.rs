@@ -139,6 +139,11 @@ impl Configuration {
         REFERENCE
     }
 
+    /// True if prescribed rates move the unit; a described unit without manoeuvres rests.
+    pub fn is_of_rates(&self) -> bool {
+        !self.motion.is_empty() || !self.device.is_iras() && self.scenario.manoeuvres.is_empty()
+    }
+
     /// Calibrations of the default unit.
     pub fn calibrations(&self) -> [Calibration; 4] {
         std::array::from_fn(|gyro| self.gyros[gyro].calibration)

@@ -109,7 +109,11 @@ impl Part for Plan<'_> {
                 line!(text, "#   {key}: {meaning}");
             }
             describe(text, FaultNumbers::NUMBERS);
-            let fault = "at_s = 100.0, gyro = \"GYRX\", parameter = \"pivot-clearance.clearance_arcsec\"";
+            let (gyro, parameter) = match self.device.is_iras() {
+                true => ("GYRX", "pivot-clearance.clearance_arcsec"),
+                false => (self.device.heads[0].gyro.name(), "drift.arcsec_per_h"),
+            };
+            let fault = format!("at_s = 100.0, gyro = {gyro:?}, parameter = {parameter:?}");
             line!(text, "# fault = [{{ {fault}, course = {{ step = 11.5 }}, for_s = 600.0 }}]");
         }
         *text += &plan_text(self.device, self.faults, self.expectations);

@@ -105,10 +105,19 @@ impl Part for &mut Vec<Manoeuvre> {
     }
 }
 
+/// Most segments of a motion.
+const MAX_SEGMENTS: usize = 10_000;
+
 /// Prescribed rates.
 impl Part for &mut Vec<RateSegment> {
     fn read(&mut self, node: &Node, key: &str) -> Read<()> {
-        for node in node.tables(key)? {
+        let nodes = node.tables(key)?;
+        if nodes.len() > MAX_SEGMENTS {
+            return Err(
+                node.error(key, format!("expected at most {MAX_SEGMENTS} tables [[{key}]], got {}", nodes.len()))
+            );
+        }
+        for node in nodes {
             let mut segment = RateSegment::default();
             node.fill(&mut segment, |_| true, &[])?;
             self.push(segment);
@@ -122,7 +131,14 @@ impl Part for &mut Vec<RateSegment> {
                 text,
                 "\n# Prescribed rates about the control axes, [[{key}]], in place of scenario and manoeuvres. Numbers of each:"
             );
-            describe(text, RateSegment::NUMBERS);
+            for spec in RateSegment::NUMBERS {
+                let default = match spec.default {
+                    DefaultValue::Value(value) => format!("default {value:?}"),
+                    DefaultValue::Required => "required".to_owned(),
+                    DefaultValue::Absent => "optional".to_owned(),
+                };
+                line!(text, "#   {}: {} ({}; {default})", spec.name, spec.meaning, spec.limits());
+            }
         }
         for segment in self.iter() {
             line!(text, "\n[[{key}]]");

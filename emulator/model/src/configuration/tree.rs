@@ -293,7 +293,11 @@ pub(super) fn show_numbers(
         line!(text, "# {title}");
         for spec in numbers.specs().iter().filter(|spec| has(spec.name)) {
             let (min, max) = device.widening().limits(spec.unit, spec.min, spec.max);
-            line!(text, "#   {}: {} ({})", spec.name, spec.meaning, spec.form.limits(min, max));
+            let limits = match spec.form {
+                ValueFormat::Gyro => ValueFormat::limits_of(&device.gyros().map(Gyro::name).collect::<Vec<_>>()),
+                form => form.limits(min, max),
+            };
+            line!(text, "#   {}: {} ({limits})", spec.name, spec.meaning);
         }
     }
     line!(text, "{key} = {}", inline(numbers, has, device));

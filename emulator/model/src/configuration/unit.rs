@@ -34,7 +34,7 @@ pub(super) fn read(root: &Node, asked: Option<&Arc<Device>>) -> Read<Arc<Device>
         Some(asked) if **asked != device => {
             let differs = if asked.name == device.name { " with another description" } else { "" };
             let (asked, got) = (&asked.name, &device.name);
-            Err(root.error(KEY, format!("expected the unit that was asked for, {asked}, got {got}{differs}")))
+            Err(root.error(KEY, format!("expected a configuration of {asked}, got {got}{differs}")))
         }
         _ => Ok(Arc::new(device)),
     }

@@ -68,10 +68,12 @@ impl Device {
         if self.is_iras() {
             return None;
         }
+        if matches!(fault, "reply-late" | "reply-missing") {
+            return Some("the unit has no commands");
+        }
         let Some(set) = self.frames(is_can) else { return Some("the unit has no such link") };
         match fault {
             "sequence-stuck" | "sequence-jump" if set.sequence == (1, 1) => Some("its frames have no sequence"),
-            "reply-late" | "reply-missing" => Some("the unit has no commands"),
             "wrong-length" if !is_can => Some("its frames have no length field that is described"),
             "wrong-identifier" if !is_can => Some("its frames have no type"),
             _ => None,

@@ -26,7 +26,7 @@ impl Truth {
     /// and begins there.
     pub fn motion(&self, configuration: &Configuration, t_s: f64) -> Motion {
         match self {
-            Truth::Scenario if !configuration.motion.is_empty() => {
+            Truth::Scenario if configuration.is_of_rates() => {
                 Motion::of_rates(&configuration.motion, configuration.seed, t_s)
             }
             Truth::Scenario => {
