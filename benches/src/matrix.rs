@@ -246,8 +246,7 @@ impl Trial {
 
 /// The effect of the independent model.
 fn planted(injected: &InjectedEffect) -> PlantedEffect {
-    let gyros: Vec<Gyro> =
-        GYROS.into_iter().zip(injected.gyros()).filter_map(|(gyro, is)| is.then_some(gyro)).collect();
+    let gyros: Vec<Gyro> = injected.gyros().gyros().map(|gyro| GYROS[gyro.index()]).collect();
     let numbers = injected.hypothesis.parameters();
     let code = match injected.formula() {
         Some(formula) => format!("product {formula}"),

@@ -13,11 +13,11 @@ use geu_diagnosis::fitted_hypothesis::FittedHypothesis;
 use geu_diagnosis::measured::Shifts;
 use geu_diagnosis::next_manoeuvre::NextManoeuvre;
 use geu_diagnosis::outcome::{Class, DiagnosedEffect, Diagnosis};
-use geu_diagnosis::report::{heading, names};
+use geu_diagnosis::report::heading;
 use geu_diagnosis::{DiagnosisCase, MeasuredData, noise};
 use geu_hypothesis::Hypothesis;
-use geu_hypothesis::gyros::Gyros;
 use geu_model::Configuration;
+use geu_protocol::Gyros;
 use geu_recording::Sink;
 
 use crate::Result;
@@ -115,7 +115,7 @@ pub fn run(arguments: &Arguments) -> Result {
 fn name(hypothesis: &Hypothesis) -> String {
     let (amplitude, value) = (&hypothesis.amplitude, hypothesis.value);
     let what = amplitude.formula().map_or_else(|| amplitude.code(), |formula| formula.to_string());
-    format!("{} {what} {value:.3e}", names(&hypothesis.gyros).join("+"))
+    format!("{} {what} {value:.3e}", hypothesis.gyros.names().join("+"))
 }
 
 /// True if an entry is a hypothesis.

@@ -123,7 +123,7 @@ fn faults(runs: &Runs) -> Result {
     let is_asked = |code: &str| runs.only.as_ref().is_none_or(|only| only == code);
     for (code, name, amplitude) in FAULTS.into_iter().filter(|(code, ..)| is_asked(code)) {
         for gyro in Gyro::ALL {
-            let gyros = std::array::from_fn(|index| index == gyro.index());
+            let gyros = geu_protocol::Gyros::ALL.only(gyro.index());
             let sized = SHARES.iter().filter_map(|share| {
                 let value = |number: &str| match number {
                     "time_s" => Some(share * SURVEY_S),

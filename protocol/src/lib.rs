@@ -24,6 +24,7 @@ pub mod deframer;
 pub mod describe;
 pub mod excerpt;
 pub mod field;
+mod gyros;
 pub mod hex;
 pub mod layout;
 pub mod message;
@@ -35,6 +36,7 @@ pub mod template;
 pub use can::{Assembler, CanFrame, CanIdMap};
 pub use command::{Command, CommandResult, Reply};
 pub use field::{CLOCK_PER_SAMPLE, Gyro, Sample};
+pub use gyros::Gyros;
 
 /// Version of the link that this crate speaks: major, minor (answered to PING).
 pub const LINK_VERSION: (u8, u8) = (1, 0);

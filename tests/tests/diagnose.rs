@@ -10,6 +10,7 @@ use geu_diagnosis::{Diagnosis, DiagnosisOptions, Thresholds, Verdict, diagnose_r
 use geu_model::Configuration;
 use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_plant::{GYROS, Gyro, IndependentModel, PlantedEffect};
+use geu_protocol::Gyros;
 use geu_recording::ReferenceAttitude;
 use geu_tests::comparison::Recording;
 use geu_tests::{give_way, recordings};
@@ -112,9 +113,9 @@ fn diagnosis_of(seed: u64, injected: &[PlantedEffect], bench: Option<&Bench>) ->
     diagnosis
 }
 
-fn gyros(injected: &PlantedEffect) -> [bool; 4] {
-    let has = |gyro: &Gyro| injected.gyros.is_empty() || injected.gyros.contains(gyro);
-    GYROS.each_ref().map(has)
+fn gyros(injected: &PlantedEffect) -> Gyros {
+    let has = |gyro: usize| injected.gyros.is_empty() || injected.gyros.contains(&GYROS[gyro]);
+    Gyros::ALL.filter(has)
 }
 
 /// True if the entry names the injected effect, itself or within its ambiguity group.

@@ -4,6 +4,7 @@
 use geu_diagnosis::outcome::DiagnosedEffect;
 use geu_diagnosis::{Verdict, report};
 use geu_plant::{GYROS, Gyro, IndependentModel, MotionKind, PlantedEffect, ReferenceKind};
+use geu_protocol::Gyros;
 
 use crate::diagnosed::{
     STAR_TRACKER, as_recorded, assert_all_named, assert_named, diagnosed, diagnosed_beside, missing,
@@ -185,7 +186,7 @@ fn a_product_of_the_motion_is_no_effect_of_the_catalogue() {
         let planted = PlantedEffect::new(&format!("product {product}"), &[gyro], &[("coefficient", coefficient)]);
         let model = IndependentModel { motion, reference: fast, ..IndependentModel::new(seed, vec![planted]) };
         let diagnosis = diagnosed(&model, as_recorded);
-        let gyros = GYROS.map(|other| other == gyro);
+        let gyros = Gyros::ALL.only(gyro as usize);
         let is_formula = |entry: &DiagnosedEffect| entry.code == "discovered" && entry.gyros == gyros;
         assert_eq!(
             missing(&diagnosis).map(is_formula).collect::<Vec<_>>(),

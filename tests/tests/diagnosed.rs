@@ -6,6 +6,7 @@ use geu_diagnosis::outcome::{Class, DiagnosedEffect};
 use geu_diagnosis::{Diagnosis, DiagnosisOptions, Verdict, diagnose_rows, report};
 use geu_model::Configuration;
 use geu_plant::{GYROS, IndependentModel, PlantedEffect, ReferenceKind};
+use geu_protocol::Gyros;
 use geu_recording::ReferenceAttitude;
 use geu_tests::comparison::Received;
 use geu_tests::give_way;
@@ -82,7 +83,7 @@ pub fn assert_all_named(diagnosis: &Diagnosis, injected: &[PlantedEffect]) {
     assert!(missing(diagnosis).all(|entry| injected.iter().any(|own| is_named(entry, own))), "{injected:?}");
     assert!(missing(diagnosis).count() >= injected.len(), "{injected:?}");
     for own in injected {
-        let gyros = GYROS.map(|gyro| own.gyros.contains(&gyro));
+        let gyros = Gyros::ALL.filter(|gyro| own.gyros.contains(&GYROS[gyro]));
         let is_own = |entry: &DiagnosedEffect| is_named(entry, own) && (injected.len() == 1 || entry.gyros == gyros);
         assert!(missing(diagnosis).any(is_own), "{injected:?}");
     }

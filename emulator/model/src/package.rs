@@ -9,7 +9,7 @@ use crate::effect::{
     CALIBRATION_COLUMN, COLUMNS, DISCOVERED_COLUMN, EffectInputs, GyroEffects, GyroSubStep, HeadStates, Probe,
     SampleTiming, Temperatures, UNIT_COLUMNS, UnitEffects, UnitStates,
 };
-use crate::parameter_spec::numbers;
+use crate::parameter_spec::{MISALIGNMENTS, numbers};
 use crate::units::{ARCSEC_PER_RAD, SAMPLE_INTERVAL_S};
 
 /// Axes of one gyro: unit vectors in the control frame.
@@ -62,7 +62,7 @@ impl Axes {
     /// True if a gyro with these axes has a number of that name: the projection of the input axis on its
     /// own control axis is unity by definition (Casteren §4).
     pub fn has_number(&self, name: &str) -> bool {
-        let own = ["x_arcsec", "y_arcsec", "z_arcsec"].into_iter().zip(self.input_control);
+        let own = MISALIGNMENTS.into_iter().zip(self.input_control);
         own.into_iter().all(|(number, part)| part.abs() < 1.0 || number != name)
     }
 }

@@ -94,26 +94,32 @@ impl ParameterSpec {
     }
 }
 
-/// Limits of a unit against the default unit: a factor for rates, and the smallest limit of relative errors, ppm.
+/// Limits of a unit against the default unit: a factor for rates, and the smallest limits of relative errors, ppm, and of misalignments.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Widening {
     pub rate_factor: f64,
     pub ppm: f64,
+    pub misalignment_arcsec: f64,
 }
 
 impl Default for Widening {
     fn default() -> Widening {
-        Widening { rate_factor: 1.0, ppm: 0.0 }
+        Widening { rate_factor: 1.0, ppm: 0.0, misalignment_arcsec: 0.0 }
     }
 }
 
+/// Projections of an input axis on the control axes.
+pub const MISALIGNMENTS: [&str; 3] = ["x_arcsec", "y_arcsec", "z_arcsec"];
+
 impl Widening {
-    /// Limits of a number with this unit.
-    pub fn limits(self, unit: &str, min: f64, max: f64) -> (f64, f64) {
+    /// Limits of a number, or of its time course, which are these for the default unit.
+    pub fn limits(self, number: &ParameterSpec, min: f64, max: f64) -> (f64, f64) {
+        let ParameterSpec { name, unit, .. } = *number;
         let is_rate = ["arcsec/s", "arcsec/h", "arcsec/√s"].iter().any(|rate| unit.starts_with(rate));
         let largest = match unit {
             "ppm" => max.max(self.ppm),
             _ if is_rate => max * self.rate_factor,
+            _ if MISALIGNMENTS.contains(&name) => max.max(self.misalignment_arcsec),
             _ => max,
         };
         (if min < 0.0 { min.min(-largest) } else { min }, largest)

@@ -15,7 +15,6 @@ use crate::survey::TrialMotion;
 use crate::trial::TrialGenerator;
 use geu_diagnosis::measured::MeasuredError;
 use geu_diagnosis::outcome::{DiagnosedEffect, Diagnosis};
-use geu_hypothesis::gyros::names;
 
 /// Number of runs for each run with a term outside the catalogue.
 const RUNS_OF_UNKNOWN: usize = 4;
@@ -224,7 +223,7 @@ impl TrialRun {
         let injected = self.injected.iter().zip(&self.score.outcomes).map(|(own, outcome)| {
             let parameters = own.hypothesis.parameters().into_iter();
             json!({
-                "code": own.code(), "formula": own.formula(), "gyros": names(&own.gyros()), "strength": own.strength,
+                "code": own.code(), "formula": own.formula(), "gyros": own.gyros().names(), "strength": own.strength,
                 "parameters": parameters.map(|number| (number.name, json!(number.value))).collect::<Map<_, _>>(),
                 "naming": outcome.isolation.name(), "size": outcome.size, "assignments": own.assignments,
             })

@@ -4,7 +4,7 @@ use toml_edit::{Array, ArrayOfTables, DocumentMut, InlineTable, Item, Table, Val
 
 use geu_diagnosis::outcome::DiagnosedEffect;
 use geu_hypothesis::Hypothesis;
-use geu_hypothesis::gyros::{Gyros, from_names, names};
+use geu_protocol::Gyros;
 
 /// Origin of an injected effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -83,14 +83,14 @@ impl InjectedEffect {
     pub fn gyros(&self) -> Gyros {
         let mut gyros = self.hypothesis.gyros;
         if let Some(other) = self.hypothesis.amplitude.gyro_named(self.hypothesis.value) {
-            gyros[other.index()] = true;
+            gyros = gyros.and(gyros.only(other.index()));
         }
         gyros
     }
 
     /// Label and value of each fact.
     pub fn facts(&self) -> Vec<(String, String)> {
-        let mut effect = format!("{} {}", names(&self.gyros()).join("+"), self.code());
+        let mut effect = format!("{} {}", self.gyros().names().join("+"), self.code());
         if let Some(formula) = self.formula() {
             effect += &format!(" {formula}");
         }
@@ -115,7 +115,7 @@ impl InjectedEffect {
             ("origin", Some(value(origin))),
             ("code", Some(value(self.code()))),
             ("formula", self.formula().map(value)),
-            ("gyros", Some(value(names(&self.gyros()).into_iter().collect::<Array>()))),
+            ("gyros", Some(value(self.gyros().names().into_iter().collect::<Array>()))),
             ("parameters", Some(value(parameters))),
             ("sigma", self.sigma.map(value)),
             ("strength", self.strength.map(value)),
@@ -134,7 +134,7 @@ impl InjectedEffect {
         let origin = ORIGINS.iter().find(|(_, name)| text("origin") == Some(name));
         let code = text("code").ok_or(("code", "a code of the model"))?;
         let &(origin, _) = origin.ok_or(("origin", "catalogue, noise, wiring or unknown"))?;
-        let gyros = texts("gyros").and_then(|names| from_names(&names));
+        let gyros = texts("gyros").and_then(|names| Gyros::ALL.from_names(&names));
         let gyros = gyros.ok_or(("gyros", "one or more of GYRX, GYRY, GYRZA, GYRZB"))?;
         let parameters = table.get("parameters").and_then(Item::as_inline_table);
         let parameters = parameters.filter(|all| all.iter().all(|(_, value)| value.is_float()));
@@ -143,7 +143,7 @@ impl InjectedEffect {
         let hypothesis = Hypothesis::from_numbers(code, text("formula"), gyros, parameter);
         let mut hypothesis = hypothesis.ok_or(("code", "a code and parameters of the model, within their limits"))?;
         if let Some(other) = hypothesis.amplitude.gyro_named(hypothesis.value) {
-            hypothesis.gyros[other.index()] = false;
+            hypothesis.gyros = hypothesis.gyros.without(hypothesis.gyros.only(other.index()));
         }
         let nearest = table
             .get("nearest")

@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use crate::injected::{FieldError, InjectedEffect, Origin};
 use geu_diagnosis::outcome::{Class, DiagnosedEffect, Diagnosis, ReportedAlternative, Verdict};
-use geu_hypothesis::gyros::{Gyros, is_within, overlap};
+use geu_protocol::Gyros;
 
 /// Minimum cosine with a term outside the catalogue for the right group.
 const GROUP_COSINE: f64 = 0.95;
@@ -140,10 +140,10 @@ pub fn score(
     let mut isolations = Vec::new();
     for own in injected {
         let gyros = own.gyros();
-        let is_own = |found: &DiagnosedEffect| own.is_named_by(found) && is_within(&found.gyros, &gyros);
-        let mut reached: Gyros = [false; 4];
+        let is_own = |found: &DiagnosedEffect| own.is_named_by(found) && found.gyros.is_within(&gyros);
+        let mut reached = Gyros::default();
         for found in result.missing.iter().filter(|found| is_own(found)) {
-            reached.iter_mut().zip(found.gyros).for_each(|(all, one)| *all |= one);
+            reached = reached.and(found.gyros);
         }
         let is_right = reached == gyros;
         let is_alternative = |other: &ReportedAlternative| {
@@ -167,7 +167,7 @@ pub fn score(
     }
     let false_alarms: Vec<usize> = (0..is_true.len()).filter(|&index| !is_true[index]).collect();
     let outcome = |(own, isolation): (&InjectedEffect, IsolationResult)| {
-        let overlaps = |found: &DiagnosedEffect| overlap(&found.gyros, &own.gyros());
+        let overlaps = |found: &DiagnosedEffect| found.gyros.overlaps(&own.gyros());
         let isolation = match isolation {
             IsolationResult::Missed if false_alarms.iter().any(|&index| overlaps(&result.missing[index])) => {
                 IsolationResult::Wrong

@@ -8,7 +8,7 @@ use geu_model::fault::{EffectList, ParameterRef};
 use geu_model::package::{Axes, Calibration};
 use geu_model::parameter_spec::{DefaultValue, ParameterSet, ParameterSpec, Role, ValueFormat};
 use geu_model::time_profile::COURSES;
-use geu_protocol::Gyro;
+use geu_protocol::{Gyro, Gyros};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -17,7 +17,6 @@ use crate::simulate::{SimulatedRecording, simulate};
 use crate::survey::TrialMotion;
 use geu_hypothesis::Hypothesis;
 use geu_hypothesis::amplitude::{AmplitudeRef, STEP, is_real};
-use geu_hypothesis::gyros::{ALL_GYROS, only};
 
 /// Strengths of [`generate_trial`], sigmas.
 const STRENGTHS: [f64; 6] = [3.0, 4.5, 6.0, 9.0, 12.0, 24.0];
@@ -150,17 +149,17 @@ impl<'a> TrialGenerator<'a> {
 
     /// Draws an amplitude of the catalogue, constant or with a time course, that a diagnosis of the motion searches.
     pub fn amplitude(&mut self, strength: f64) -> Option<InjectedEffect> {
-        let constants = AmplitudeRef::all().into_iter().filter(is_real);
+        let constants = AmplitudeRef::all(&self.motion.nominal.device).into_iter().filter(is_real);
         let all: Vec<AmplitudeRef> = constants.flat_map(AmplitudeRef::with_courses).filter(stays_possible).collect();
         (0..TRIES).find_map(|_| {
             let amplitude = *all.get(self.random.random_range(0..all.len()))?;
             let own_shapes = self.shapes(amplitude.own_shapes());
             let course_shapes = self.shapes(amplitude.course_shapes());
             let (gyro, on_all) = (self.gyro(), self.random.random_range(0..ON_ALL) == 0);
-            let available = amplitude.gyros();
-            let gyros = match amplitude.is_of_unit() || on_all && available == ALL_GYROS {
-                true => ALL_GYROS,
-                false if available[gyro.index()] => only(gyro.index()),
+            let available = amplitude.gyros(&self.motion.nominal.device);
+            let gyros = match amplitude.is_of_unit() || on_all && available.is_all() {
+                true => Gyros::ALL,
+                false if available[gyro.index()] => Gyros::ALL.only(gyro.index()),
                 false => return None,
             };
             let is_negative = amplitude.number().min < 0.0 && self.random.random::<bool>();
@@ -194,7 +193,7 @@ impl<'a> TrialGenerator<'a> {
                 (0..factors).map(|_| Regressor::ALL[self.random.random_range(0..Regressor::COUNT)]).collect();
             let amplitude = AmplitudeRef::term(Formula::new(&regressors).ok()?);
             let (gyro, sign) = (self.gyro(), if self.random.random::<bool>() { 1.0 } else { -1.0 });
-            let hypothesis = Hypothesis::constant(amplitude, 0.0, only(gyro.index()));
+            let hypothesis = Hypothesis::constant(amplitude, 0.0, Gyros::ALL.only(gyro.index()));
             self.motion.scaled(hypothesis, Origin::Unknown, sign, strength)
         })?;
         Some(InjectedEffect { nearest: self.motion.nearest(&found.hypothesis), ..found })
@@ -209,7 +208,7 @@ impl<'a> TrialGenerator<'a> {
         let noises: Vec<usize> = (0..GyroEffects::SPECS.len()).filter(is_present).collect();
         let effect = *noises.get(self.random.random_range(0..noises.len().max(1)))?;
         let amplitude = AmplitudeRef::new(ParameterRef { list: EffectList::Head, effect, number: 0 }, None);
-        let hypothesis = Hypothesis::constant(amplitude, value(effect) * factor, only(gyro.index()));
+        let hypothesis = Hypothesis::constant(amplitude, value(effect) * factor, Gyros::ALL.only(gyro.index()));
         Some(self.without_signature(hypothesis, Origin::Noise))
     }
 
@@ -227,7 +226,8 @@ impl<'a> TrialGenerator<'a> {
         };
         let amplitude = constant.with(STEP).filter(|_| self.random.random::<bool>()).unwrap_or(constant);
         let course_shapes = self.shapes(amplitude.course_shapes());
-        let hypothesis = Hypothesis { course_shapes, ..Hypothesis::constant(amplitude, value, only(gyro.index())) };
+        let hypothesis =
+            Hypothesis { course_shapes, ..Hypothesis::constant(amplitude, value, Gyros::ALL.only(gyro.index())) };
         Some(self.without_signature(hypothesis, Origin::Wiring))
     }
 

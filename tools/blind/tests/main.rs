@@ -8,6 +8,7 @@ use geu_diagnosis::outcome::{Class, EstimatedValue};
 use geu_diagnosis::{DiagnosisOptions, diagnose_rows};
 use geu_hypothesis::Hypothesis;
 use geu_model::Configuration;
+use geu_protocol::Gyros;
 use geu_recording::{DecoderOptions, Defect, InputReader, ReceivedSample, ReferenceAttitude, Sink, Stop};
 use serde_json::{Value, json};
 
@@ -60,7 +61,7 @@ fn same_seed_injects_the_same_effects_and_files_read_back() {
 
 fn hypothesis(code: &str, numbers: &[(&str, f64)]) -> Hypothesis {
     let number = |name: &str| numbers.iter().find(|(own, _)| *own == name).map(|(_, value)| *value);
-    Hypothesis::from_numbers(code, None, [true, false, false, false], number).expect("a hypothesis")
+    Hypothesis::from_numbers(code, None, Gyros::ALL.only(0), number).expect("a hypothesis")
 }
 
 fn step(size: f64) -> InjectedEffect {
@@ -214,10 +215,10 @@ fn an_effect_is_named_on_the_gyro_that_shows_it() {
         };
         assert_eq!(
             (found.code.as_str(), found.gyros),
-            ("scale-factor-nonlinearity", [false, true, false, false]),
+            ("scale-factor-nonlinearity", Gyros::ALL.only(1)),
             "seed {seed}"
         );
-        let on_all = found.alternatives.iter().find(|other| other.code == found.code && other.gyros == [true; 4]);
+        let on_all = found.alternatives.iter().find(|other| other.code == found.code && other.gyros.is_all());
         assert!(on_all.is_some_and(|other| other.is_indistinguishable()), "seed {seed}");
     }
 }

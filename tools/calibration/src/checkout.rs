@@ -119,7 +119,7 @@ pub fn simulate(configuration: &Configuration) -> CheckoutRun {
     let t_ns = |t_s: f64| configuration.start_unix_ns + (t_s * 1e9).round() as i64;
     for (ended, reference) in simulation.take(samples) {
         let electronics_c = f64::from(ended.sample.electronics_centi_c) * 0.01;
-        counts.push(ended.end_ns as f64 * 1e-9, increments(&ended.sample), electronics_c);
+        counts.push(ended.end_ns as f64 * 1e-9, &increments(&ended.sample), electronics_c);
         for sample in reference {
             rows.push(sample.row());
             windows.extend(sample.legs.iter().map(|leg| ManoeuvreWindow {

@@ -5,8 +5,9 @@
 
 mod reader;
 
+use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::field::{GYRO_FLAGS, unit_flag};
-use geu_protocol::{Gyro, Sample};
+use geu_protocol::{Gyro, Gyros, Sample};
 use geu_recording::ReferenceAttitude;
 use nalgebra::Matrix4;
 pub use reader::CountsReader;
@@ -59,22 +60,27 @@ pub fn unusable(sample: &Sample) -> [(BreakKind, [bool; 4]); 3] {
 pub struct Discontinuity {
     pub from: usize,
     pub to: usize,
-    /// The affected gyros, in wire order.
-    pub gyros: [bool; 4],
+    pub gyros: Gyros,
     pub kind: BreakKind,
 }
 
 /// Accumulated counts at nodes: node 0 is the start of the first sample interval, node k the end of the k-th.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct AccumulatedCounts {
+    /// All gyros of the unit.
+    pub gyros: Gyros,
+    /// Nominal interval of the nodes, s.
+    pub interval_s: f64,
+    /// Multiple that the sum of each gyro is rounded to, in units of the sum; 0 for none.
+    pub rounded_to: Vec<f64>,
     /// Time of node 0, ns, on the time scale of the capture.
     pub start_ns: i64,
     /// True for receive times; else the times are those of the unit's own clock.
     pub is_received: bool,
     /// Time of each node since node 0, s.
     pub node_s: Vec<f64>,
-    /// Sum of the increments up to each node, counts, in the order of [`Gyro::ALL`].
-    pub accumulated: [Vec<f64>; 4],
+    /// Sum of the increments of each gyro up to each node, counts.
+    pub accumulated: Vec<Vec<f64>>,
     /// Electronics temperature over the sample interval before each node, °C (node 0 as node 1).
     pub electronics_c: Vec<f64>,
     /// Sensor temperature at each node, °C, the last one known if a row has none; empty if no row has one.
@@ -111,18 +117,32 @@ impl Interpolation {
 }
 
 impl AccumulatedCounts {
-    /// Counts that start at `start_ns`, without a sample.
+    /// Counts of the default unit that start at `start_ns`, without a sample.
     pub fn starting_at(start_ns: i64) -> AccumulatedCounts {
+        let rounded_to = vec![1.0; Gyros::ALL.heads()];
+        AccumulatedCounts { rounded_to, ..AccumulatedCounts::of_unit(Gyros::ALL, SAMPLE_INTERVAL_S, start_ns) }
+    }
+
+    /// Counts of a unit, not rounded, that start at `start_ns`, without a sample.
+    pub fn of_unit(gyros: Gyros, interval_s: f64, start_ns: i64) -> AccumulatedCounts {
         AccumulatedCounts {
+            gyros,
+            interval_s,
+            rounded_to: vec![0.0; gyros.heads()],
             start_ns,
+            is_received: false,
             node_s: vec![0.0],
-            accumulated: std::array::from_fn(|_| vec![0.0]),
-            ..AccumulatedCounts::default()
+            accumulated: vec![vec![0.0]; gyros.heads()],
+            electronics_c: Vec::new(),
+            sensor_c: Vec::new(),
+            received_late_s: Vec::new(),
+            breaks: Vec::new(),
+            runs_back_s: None,
         }
     }
 
     /// Adds a sample that ends `end_s` after the start; `increments` may be real numbers, as before rounding.
-    pub fn push(&mut self, end_s: f64, increments: [f64; 4], electronics_c: f64) {
+    pub fn push(&mut self, end_s: f64, increments: &[f64], electronics_c: f64) {
         self.node_s.push(end_s);
         for (sums, increment) in self.accumulated.iter_mut().zip(increments) {
             sums.push(sums[sums.len() - 1] + increment);
@@ -135,7 +155,7 @@ impl AccumulatedCounts {
 
     /// Adds a sample of the unit that ends `end_s` after the start.
     pub(crate) fn push_sample(&mut self, end_s: f64, sample: &Sample) {
-        self.push(end_s, increments(sample), f64::from(sample.electronics_centi_c) * 0.01);
+        self.push(end_s, &increments(sample), f64::from(sample.electronics_centi_c) * 0.01);
     }
 
     /// Drops the samples after the first time that runs backward: instants after it would occur twice.
@@ -191,7 +211,7 @@ impl AccumulatedCounts {
             (Some(before), None) => before,
             (None, None) => return None,
         };
-        ((self.node_s[nearest] - t_s).abs() <= 0.26).then_some(nearest)
+        ((self.node_s[nearest] - t_s).abs() <= 0.52 * self.interval_s).then_some(nearest)
     }
 
     pub fn at_node(&self, node: usize) -> Interpolation {

@@ -1,9 +1,10 @@
 //! The transfer function: from counts to increments about the control axes, as on board (Casteren §4, eqs 1–3).
 
+use geu_model::Configuration;
 use geu_model::package::{Axes, Calibration};
 use geu_model::units::ARCSEC_PER_RAD;
 use geu_protocol::Gyro;
-use nalgebra::{Matrix3x4, Matrix4x3, Vector3, Vector4};
+use nalgebra::{Matrix3x4, Matrix4x3, MatrixXx3, Vector3, Vector4};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum GyroSet {
@@ -32,6 +33,16 @@ pub fn misalignment_matrix(calibrations: &[Calibration; 4]) -> Matrix4x3<f64> {
         let Calibration { x_arcsec, y_arcsec, z_arcsec, .. } = calibrations[gyro];
         if own == 0.0 { [x_arcsec, y_arcsec, z_arcsec][axis] / ARCSEC_PER_RAD } else { own }
     })
+}
+
+/// M of eq 2 of any unit: a row per head, its input axis and the configured projections.
+pub fn sensing_matrix(configuration: &Configuration) -> MatrixXx3<f64> {
+    let heads = configuration.device.heads.iter().zip(&configuration.gyros);
+    let row = heads.map(|(head, own)| {
+        let Calibration { x_arcsec, y_arcsec, z_arcsec, .. } = own.calibration;
+        Vector3::from(head.axes.input_control) + Vector3::new(x_arcsec, y_arcsec, z_arcsec) / ARCSEC_PER_RAD
+    });
+    MatrixXx3::from_rows(&row.map(|row| row.transpose()).collect::<Vec<_>>())
 }
 
 /// Equation 3 with a calibration put in.
@@ -89,7 +100,6 @@ impl Transfer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geu_model::Configuration;
 
     #[test]
     fn equation_3_inverts_equations_1_and_2() {

@@ -29,7 +29,7 @@ fn exact_increments_recover_the_parameters() {
     let mut model = GyroUnit::new(&unit);
     for _ in 0..run.counts.len() {
         let (ended, traces) = model.end_sample_traced();
-        exact.push(ended.end_ns as f64 * 1e-9, std::array::from_fn(|gyro| traces[gyro].unquantised), 20.0);
+        exact.push(ended.end_ns as f64 * 1e-9, &traces.iter().map(|trace| trace.unquantised).collect::<Vec<_>>(), 20.0);
     }
     let attitude = AttitudeSource::Reference(&run.reference, Some(0.0));
     let calibrated = calibrate(&before_checkout(&unit), &exact, Some(&run.windows), &attitude).expect("determined");

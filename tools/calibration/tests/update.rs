@@ -39,7 +39,7 @@ fn exact(unit: &Configuration, samples: usize) -> AccumulatedCounts {
     let mut model = GyroUnit::new(unit);
     for _ in 0..samples {
         let (ended, traces) = model.end_sample_traced();
-        exact.push(ended.end_ns as f64 * 1e-9, std::array::from_fn(|gyro| traces[gyro].unquantised), 20.0);
+        exact.push(ended.end_ns as f64 * 1e-9, &traces.iter().map(|trace| trace.unquantised).collect::<Vec<_>>(), 20.0);
     }
     exact
 }
@@ -215,7 +215,7 @@ fn broken_counts_exclude_only_their_own_segment() {
     let scan = run.windows.iter().filter(|window| window.name == "survey").nth(3).expect("eight");
     let node = counts.nearest((scan.start_s + scan.end_s) / 2.0).expect("inside");
     let kind = geu_calibration::BreakKind::Saturated;
-    let gyros = Gyro::ALL.map(|gyro| gyro == Gyro::ZB);
+    let gyros = geu_protocol::Gyros::ALL.only(Gyro::ZB.index());
     counts.breaks.push(geu_calibration::Discontinuity { from: node, to: node + 1, gyros, kind });
     let updated = update(&unit, &fortnight(), &counts, Some(&run.windows), &by_reference(&run)).expect("scans");
     let without: Vec<&ScanSegment> = updated.used.iter().filter(|used| used.residuals[1].is_none()).collect();

@@ -3,7 +3,7 @@
 use geu_model::effect::{Effects, WiringEffects, WiringStates};
 use geu_model::fault::{EffectList, ParameterRef};
 use geu_model::parameter_spec::ValueFormat;
-use geu_protocol::Gyro;
+use geu_protocol::{Gyro, Gyros};
 
 use geu_hypothesis::Hypothesis;
 use geu_hypothesis::amplitude::{AmplitudeRef, STEP};
@@ -51,7 +51,7 @@ impl WiringHypothesis {
     /// The hypothesis with an onset, or for the whole recording.
     pub fn hypothesis(&self, onset_s: Option<f64>) -> Hypothesis {
         let target = ParameterRef { list: EffectList::Wiring, effect: self.effect, number: self.amplitude };
-        let gyros = Gyro::ALL.map(|gyro| gyro == self.bearer);
+        let gyros = Gyros::ALL.only(self.bearer.index());
         Hypothesis {
             course_shapes: onset_s.into_iter().collect(),
             ..Hypothesis::constant(AmplitudeRef::new(target, onset_s.map(|_| STEP)), self.value, gyros)

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use crate::diagnosis_case::DiagnosisCase;
 use crate::fitted_hypothesis::FittedHypothesis;
-use crate::measured::{CHANNELS, Series, TIMING};
+use crate::measured::{CHANNELS, Series};
 use crate::model_state::ModelState;
 use crate::normal_equations::NormalEquations;
 use crate::shape_search::LENGTHS;
@@ -20,7 +20,7 @@ use crate::significance::{FOUR_SIGMA_CHI2, THREE_SIGMA_CHI2};
 use crate::spots::{Spot, spots};
 use crate::temperature_lag::{LaggedFit, likeliest};
 use geu_hypothesis::Hypothesis;
-use geu_hypothesis::gyros::{ALL_GYROS, Gyros, is_within, only};
+use geu_protocol::Gyros;
 
 /// Minimum share of the χ² reduction of the hypothesis, and minimum square of the cosine of both: what is not similar explains something
 /// else, which no hypothesis of the model explains yet.
@@ -205,7 +205,7 @@ pub fn similar_hypotheses(
         Some(values) => values.iter().map(|value| value * held.hypothesis.value).collect(),
         None => vec![0.0; case.measured.block_count()],
     });
-    let normal = NormalEquations::new(case.whitenings(&state.noise), &whole, &columns, &[]);
+    let normal = NormalEquations::new(case.whitenings(&state.noise), &whole, &columns, &case.a_priori(&[]));
     in_place_of(case, bank, &normal, state, index, normal.chi2(), &Penalties { found: 0.0, of: &|_, _| 0.0 })
 }
 
@@ -309,10 +309,10 @@ fn best_of_each(all: Vec<Alternative>) -> Vec<Alternative> {
 /// Sets of gyros of alternatives: each gyro, all, and the set of the hypothesis.
 fn sets(base: &ConstantSignature, found: &Gyros) -> Vec<Gyros> {
     if base.amplitude.is_of_unit() {
-        return vec![ALL_GYROS];
+        return vec![found.unit()];
     }
-    let mut sets: Vec<Gyros> = (0..TIMING).map(only).chain([ALL_GYROS, *found]).collect();
-    sets.retain(|set| is_within(set, &base.amplitude.gyros()));
+    let mut sets: Vec<Gyros> = (0..found.heads()).map(|gyro| found.only(gyro)).chain([found.unit(), *found]).collect();
+    sets.retain(|set| set.is_within(&base.gyros));
     sets.sort_unstable();
     sets.dedup();
     sets

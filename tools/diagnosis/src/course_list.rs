@@ -70,10 +70,10 @@ impl CourseList {
 
     /// Places of the kept courses that are whitened, `most` of a kind at once: not of courses that decay to the end, unless they belong to a
     /// pulse.
-    pub fn whitened(&self, most: usize, has_tails: bool) -> Vec<Vec<usize>> {
+    pub fn whitened(&self, most: usize, has_tails: bool, block_s: f64) -> Vec<Vec<usize>> {
         let of_pulses: HashSet<usize> = self.pairs().flatten().collect();
         let is_whitened = |place: &usize| {
-            let has_tail = has_tails && self.courses[*place].tail().is_some() && !of_pulses.contains(place);
+            let has_tail = has_tails && self.courses[*place].tail(block_s).is_some() && !of_pulses.contains(place);
             self.is_kept(*place) && !has_tail
         };
         let all: Vec<usize> = (0..self.courses.len()).filter(is_whitened).collect();

@@ -40,7 +40,7 @@ impl CourseProducts {
         let mut products = CourseProducts { courses: Default::default(), both: Vec::new() };
         reached.iter().for_each(|&channel| products.courses[channel] = vec![Vec::new(); list.courses.len()]);
         let forms: Option<Vec<&Forms>> = reached.iter().map(|&channel| normal.whitening(channel).forms()).collect();
-        let groups = list.whitened(LANES, forms.is_some());
+        let groups = list.whitened(LANES, forms.is_some(), bank.block_s());
         let is_alone = groups.iter().all(|group| group.len() == 1);
         let whiten = if is_alone { Self::whiten::<1> } else { Self::whiten::<LANES> };
         let both = whiten(&mut products, bank, base, list, normal, &groups);
@@ -71,7 +71,8 @@ impl CourseProducts {
         let mut steps: Vec<[Vec<f64>; CHANNELS]> = vec![Default::default(); list.courses.len()];
         let is_step = |place: usize| list.courses[place].kind() == Some(STEP);
         for group in groups {
-            let firsts: Vec<usize> = group.iter().map(|place| list.courses[*place].first_block()).collect();
+            let firsts: Vec<usize> =
+                group.iter().map(|place| list.courses[*place].first_block(bank.block_s())).collect();
             let from = firsts.iter().copied().min().unwrap_or(0);
             let mut values = vec![[0.0; LANES]; bank.block_count() - from];
             for (lane, place) in group.iter().enumerate() {
@@ -133,7 +134,7 @@ impl CourseProducts {
     ) {
         let last = bank.block_count() - 1;
         let tail = |place: usize| {
-            let (decay, block) = list.courses[place].tail().filter(|_| list.is_kept(place))?;
+            let (decay, block) = list.courses[place].tail(bank.block_s()).filter(|_| list.is_kept(place))?;
             Some((decay, Reverse(block.min(last)), place))
         };
         let mut tails: Vec<(u64, Reverse<usize>, usize)> = (0..list.courses.len()).filter_map(tail).collect();
@@ -154,7 +155,7 @@ impl CourseProducts {
                     let (course, values) = (&list.courses[place], bank.values(base, &list.courses[place]));
                     let values = values.as_deref().unwrap_or_default();
                     let TailProducts { square, products } =
-                        tail.course(lane, block, &values[..=block - course.first_block()]);
+                        tail.course(lane, block, &values[..=block - course.first_block(bank.block_s())]);
                     self.courses[channel][place] = std::iter::once(square).chain(products).collect();
                 }
             });

@@ -11,13 +11,13 @@ use geu_model::effect::GyroEffects;
 use geu_model::parameter_spec::{ParameterSpec, Role};
 use geu_model::temperature::RATE_SPAN_S;
 use geu_model::time_profile::{COURSES, Interval, TimeCourse};
-use geu_model::units::{S_PER_H, SAMPLE_INTERVAL_S};
+use geu_model::units::S_PER_H;
 
-use crate::measured::{BLOCK_S, MeasuredData};
+use crate::measured::{BLOCK, MeasuredData};
 use geu_hypothesis::amplitude::STEP;
 
-/// Shortest searched time constant, duration or quarter period, six blocks: shorter ones average out.
-pub const SHORTEST_S: f64 = 6.0 * BLOCK_S;
+/// Shortest searched time constant, duration or quarter period, blocks: shorter ones average out.
+pub const SHORTEST: f64 = 6.0;
 /// Quarter periods in the recording: of the shortest searched period; the longest has two.
 const QUARTER_TURNS: usize = 64;
 /// Searched onsets of permanent effects. Steps of a rate have a multiple of that, if the filter forgets a rate sooner than from one onset
@@ -37,9 +37,10 @@ const SUDDEN_ONSETS: usize = 4 * ONSETS;
 /// Time after which a step of a rate is as uncertain by the rate's own noise as by the angles, on the gyro with the largest noise: the
 /// whitening filter remembers no longer.
 fn memory_s(configuration: &Configuration) -> f64 {
+    let interval_s = configuration.device.interval_s;
     let of_gyro = |own: &GyroEffects| {
         // The variance of a rate from angles with the density S over t is 12 S/t³; rounding has the twelfth of a sample interval.
-        let angles = 12.0 * (SAMPLE_INTERVAL_S / 12.0 + own.angle_random_walk.arcsec_per_sqrt_s.powi(2));
+        let angles = 12.0 * (interval_s / 12.0 + own.angle_random_walk.arcsec_per_sqrt_s.powi(2));
         let walk_s = (angles / own.drift_random_walk.arcsec_per_s_per_sqrt_s.powi(2)).powf(0.25);
         let flicker_s = (angles / (own.bias_instability.arcsec_per_h / S_PER_H).powi(2)).cbrt();
         walk_s.min(flicker_s)
@@ -96,13 +97,13 @@ impl Variation {
     }
 
     /// The block of its onset, before which it is 0.
-    pub fn first_block(&self) -> usize {
+    pub fn first_block(&self, block_s: f64) -> usize {
         match self {
             Variation::Constant => 0,
             Variation::Onset { block } => *block,
             Variation::Course { kind, shapes } => {
                 let first = COURSES[*kind].shapes.iter().zip(shapes).find(|(number, _)| is_onset(number));
-                first.map_or(0, |(_, onset_s)| (onset_s / BLOCK_S) as usize)
+                first.map_or(0, |(_, onset_s)| (onset_s / block_s) as usize)
             }
         }
     }
@@ -114,14 +115,14 @@ impl Variation {
     }
 
     /// Ratio of its values in two consecutive blocks after its onset, 1 for a step; `None` for other forms.
-    pub fn decay(&self) -> Option<f64> {
+    pub fn decay(&self, block_s: f64) -> Option<f64> {
         let onset_s = self.shape(Role::Onset).filter(|_| self.shape(Role::Duration).is_none());
-        onset_s.map(|_| self.shape(Role::TimeConstant).map_or(1.0, |constant_s| (-BLOCK_S / constant_s).exp()))
+        onset_s.map(|_| self.shape(Role::TimeConstant).map_or(1.0, |constant_s| (-block_s / constant_s).exp()))
     }
 
     /// Bits of that ratio and the block from which it holds: the mean over the two before may include its onset.
-    pub fn tail(&self) -> Option<(u64, usize)> {
-        Some((self.decay()?.to_bits(), self.first_block() + 2))
+    pub fn tail(&self, block_s: f64) -> Option<(u64, usize)> {
+        Some((self.decay(block_s)?.to_bits(), self.first_block(block_s) + 2))
     }
 
     /// The wave with another phase; `None` if it is not a wave. It is the wave of phase 0 times the cosine of the phase plus the wave a
@@ -147,8 +148,8 @@ pub fn pulse_onsets_s(variation: &Variation) -> Option<[f64; 2]> {
 }
 
 /// The shortest searched value of a time constant or of a duration; `None` for other shape parameters.
-pub fn shortest_s(role: Role) -> Option<f64> {
-    matches!(role, Role::TimeConstant | Role::Duration).then_some(SHORTEST_S)
+pub fn shortest_s(role: Role, block_s: f64) -> Option<f64> {
+    matches!(role, Role::TimeConstant | Role::Duration).then_some(SHORTEST * block_s)
 }
 
 /// True if a shape parameter is an onset.
@@ -163,6 +164,8 @@ pub struct Courses {
     excess_k: Vec<f64>,
     /// Rate of change of that, K/h.
     rate_k_per_h: Vec<f64>,
+    /// Length of a block.
+    pub block_s: f64,
     /// Start of the recording on the time scale of the courses.
     start_s: f64,
     /// Searched onsets of steps of a rate.
@@ -179,7 +182,7 @@ impl Courses {
     pub fn on(measured: &MeasuredData, configuration: &Configuration) -> Courses {
         let reference_c = configuration.electronics.numbers.reference_c;
         let excess_k = measured.electronics_c().iter().map(|electronics_c| electronics_c - reference_c).collect();
-        let all = Courses { start_s: measured.start_s, ..Courses::at(excess_k) };
+        let all = Courses { start_s: measured.start_s, ..Courses::at(excess_k, measured.block_s()) };
         let finer = (all.duration_s() / ONSETS as f64 / memory_s(configuration)).ceil().clamp(1.0, MAX_FINER);
         Courses { rate_steps: finer as usize * ONSETS, ..all }
     }
@@ -197,14 +200,14 @@ impl Courses {
     }
 
     /// Without a cache, with this electronics temperature minus the reference temperature in each block.
-    fn at(excess_k: Vec<f64>) -> Courses {
-        let (half, last) = ((0.5 * RATE_SPAN_S / BLOCK_S) as usize, excess_k.len().saturating_sub(1));
+    fn at(excess_k: Vec<f64>, block_s: f64) -> Courses {
+        let (half, last) = ((0.5 * RATE_SPAN_S / block_s) as usize, excess_k.len().saturating_sub(1));
         let rate = |block: usize| {
             let (from, to) = (block.saturating_sub(half), (block + half).min(last));
-            (excess_k[to] - excess_k[from]) / (to.max(from + 1) - from) as f64 / BLOCK_S * S_PER_H
+            (excess_k[to] - excess_k[from]) / (to.max(from + 1) - from) as f64 / block_s * S_PER_H
         };
         let rate_k_per_h = (0..excess_k.len()).map(rate).collect();
-        Courses { rate_k_per_h, excess_k, start_s: 0.0, rate_steps: ONSETS, grid: Arc::default() }
+        Courses { rate_k_per_h, excess_k, block_s, start_s: 0.0, rate_steps: ONSETS, grid: Arc::default() }
     }
 
     /// Blocks of the recording.
@@ -216,10 +219,10 @@ impl Courses {
     #[must_use]
     pub fn late(&self, temperature_s: f64) -> Courses {
         let last = self.blocks().saturating_sub(1) as f64;
-        let source = |block: usize| (block as f64 + temperature_s / BLOCK_S).round().clamp(0.0, last) as usize;
+        let source = |block: usize| (block as f64 + temperature_s / self.block_s).round().clamp(0.0, last) as usize;
         let excess_k = (0..self.blocks()).map(|block| self.excess_k[source(block)]).collect();
-        let Courses { ref grid, start_s, rate_steps, .. } = *self;
-        Courses { grid: grid.clone(), start_s, rate_steps, ..Courses::at(excess_k) }
+        let Courses { ref grid, block_s, start_s, rate_steps, .. } = *self;
+        Courses { grid: grid.clone(), start_s, rate_steps, ..Courses::at(excess_k, block_s) }
     }
 
     /// Searched time courses of a kind of [`COURSES`], waves at phase 0.
@@ -238,7 +241,7 @@ impl Courses {
             let values = self.shape_values(number, onsets.clone());
             all = all.iter().flat_map(|before| values.iter().map(|value| [&before[..], &[*value]].concat())).collect();
         }
-        let is_inside = |shapes: &Vec<f64>| !ends || shapes.iter().sum::<f64>() < self.duration_s() - BLOCK_S;
+        let is_inside = |shapes: &Vec<f64>| !ends || shapes.iter().sum::<f64>() < self.duration_s() - self.block_s;
         all.into_iter().filter(is_inside).map(|shapes| Variation::Course { kind, shapes }).collect()
     }
 
@@ -248,7 +251,7 @@ impl Courses {
     }
 
     fn duration_s(&self) -> f64 {
-        self.blocks() as f64 * BLOCK_S
+        self.blocks() as f64 * self.block_s
     }
 
     /// Values of a course's shape that are looked for.
@@ -260,13 +263,13 @@ impl Courses {
             Role::TimeConstant => TIME_CONSTANTS
                 .map(|share| duration_s * share)
                 .into_iter()
-                .filter(|&constant_s| constant_s >= SHORTEST_S)
+                .filter(|&constant_s| constant_s >= SHORTEST * self.block_s)
                 .collect(),
             Role::Phase => vec![0.0],
             // A period.
             _ => (2..=QUARTER_TURNS)
                 .map(|quarter_turns| 4.0 * duration_s / quarter_turns as f64)
-                .filter(|&period_s| period_s >= 4.0 * SHORTEST_S)
+                .filter(|&period_s| period_s >= 4.0 * SHORTEST * self.block_s)
                 .collect(),
         }
     }
@@ -276,24 +279,24 @@ impl Courses {
         let profile = match variation {
             Variation::Constant => return None,
             Variation::Course { kind, shapes } => COURSES[*kind].with(shapes),
-            Variation::Onset { block } => COURSES[STEP].with(&[*block as f64 * BLOCK_S]),
+            Variation::Onset { block } => COURSES[STEP].with(&[*block as f64 * self.block_s]),
         };
         let course = TimeCourse { effect: 0, amplitude: 0, size: 1.0, profile };
         // An increment lies between the middles of two blocks, a value in its own.
         let value = |block: usize| {
             let end_s = self.start_s
                 + match mode {
-                    Mode::Rate => MeasuredData::middle_s(block),
-                    Mode::Level => (block + 1) as f64 * BLOCK_S,
+                    Mode::Rate => middle_s(block, self.block_s),
+                    Mode::Level => (block + 1) as f64 * self.block_s,
                 };
             course.value(&Interval {
-                start_s: end_s - BLOCK_S,
+                start_s: end_s - self.block_s,
                 end_s,
                 electronics_excess_k: self.excess_k[block],
                 electronics_rate_k_per_h: self.rate_k_per_h[block],
             })
         };
-        let first = variation.first_block();
+        let first = variation.first_block(self.block_s);
         match key(mode, variation).and_then(|key| self.grid.get(&key)).filter(|_| first <= blocks.start) {
             Some(values) => {
                 let values = values.get_or_init(|| (first..self.blocks()).map(value).collect());
@@ -304,15 +307,22 @@ impl Courses {
     }
 }
 
+/// Middle of a block: of the times of its nodes, s.
+fn middle_s(block: usize, block_s: f64) -> f64 {
+    (block as f64 + 0.5) * block_s + 0.5 * block_s / BLOCK as f64
+}
+
 /// A time course applied to a signature, over some blocks.
 pub fn put(series: &[f64], mode: Mode, course: Option<&[f64]>, blocks: Range<usize>) -> Vec<f64> {
     let from = blocks.start;
-    let Some(course) = course else { return series[blocks].to_vec() };
-    let own = series[blocks].iter().zip(course);
+    // A unit with fewer gyros leaves channels empty.
+    let own = series.get(blocks).unwrap_or_default();
+    let Some(course) = course else { return own.to_vec() };
+    let own = own.iter().zip(course);
     match mode {
         Mode::Level => own.map(|(value, factor)| value * factor).collect(),
         Mode::Rate => {
-            let (mut sum, mut before) = (0.0, if from == 0 { 0.0 } else { series[from - 1] });
+            let (mut sum, mut before) = (0.0, if from == 0 { 0.0 } else { series.get(from - 1).copied().unwrap_or(0.0) });
             own.map(|(value, factor)| {
                 sum += (value - std::mem::replace(&mut before, *value)) * factor;
                 sum
@@ -329,20 +339,20 @@ mod tests {
     #[test]
     fn cached_courses_equal_computed_courses() {
         let excess_k: Vec<f64> = (0..500).map(|block| (block as f64 * 0.01).sin()).collect();
-        let none = Courses::at(excess_k);
+        let none = Courses::at(excess_k, 5.0);
         let own = none.clone().with_grid();
         let late = own.late(150.0);
         for mode in [Mode::Rate, Mode::Level] {
             let (mut cached, mut followers) = (0, 0);
             for variation in (0..COURSES.len()).flat_map(|kind| none.variations(kind, mode)) {
-                let blocks = variation.first_block().max(30)..500;
+                let blocks = variation.first_block(5.0).max(30)..500;
                 let values = none.values(mode, &variation, blocks.clone());
                 let kept = own.values(mode, &variation, blocks.clone());
                 assert_eq!(kept, values, "{variation:?}");
                 assert_eq!(matches!(kept, Some(Cow::Borrowed(_))), variation.is_of_time(), "{variation:?}");
                 cached += usize::from(variation.is_of_time());
-                if let (Some(decay), Some(values)) = (variation.decay(), &values) {
-                    let after_onset = &values[(variation.first_block() + 2).saturating_sub(blocks.start)..];
+                if let (Some(decay), Some(values)) = (variation.decay(5.0), &values) {
+                    let after_onset = &values[(variation.first_block(5.0) + 2).saturating_sub(blocks.start)..];
                     assert!(
                         after_onset.windows(2).all(|pair| (pair[1] - decay * pair[0]).abs() < 1e-12),
                         "{variation:?}"

@@ -1,18 +1,14 @@
 //! Residual statistics held out: each third as predicted by a fit to the other two.
 
-use geu_model::package::Calibration;
-use geu_protocol::Gyro;
-
 use crate::diagnosis_case::DiagnosisCase;
 use crate::measured::{BLOCK, CHANNELS, ModelRun, Series, TIMING};
 use crate::model_state::{LAG_S, ModelState};
 use crate::normal_equations::{NormalEquations, THIRDS};
 use crate::residual_stats::{self, ResidualStats, WINDOW};
-use geu_hypothesis::amplitude::calibration_parameters;
 
-/// A priori sigmas of calibration parameters between checkouts, in the order of [`Calibration::NUMBERS`]: a calibration corrects errors
-/// of 20 ppm and 6″/h (Casteren §1, table 1); pivots limit the knowledge of an axis to 3″ (§5.3).
-const BETWEEN_CHECKOUTS_SIGMAS: [f64; Calibration::NUMBERS.len()] = [20e-6, 6.0 / 7200.0, 3.0, 3.0, 3.0];
+/// A priori sigmas of scale factor, drift and projection of the default unit between checkouts, as shares of those after launch: a
+/// calibration corrects errors of 20 ppm and 6″/h (Casteren §1, table 1); pivots limit the knowledge of an axis to 3″ (§5.3).
+const BETWEEN_CHECKOUTS: f64 = 0.01;
 
 /// Sum of the squares of whitened values.
 fn squares<'a>(white: impl Iterator<Item = &'a f64>) -> f64 {
@@ -46,12 +42,13 @@ pub fn held_out(case: &DiagnosisCase, state: &ModelState) -> ResidualStats {
     let (measured, state) = (case.measured, &mut state.clone());
     let model = case.run(state);
     let (residual, columns) = case.linearised(state);
-    let normal = NormalEquations::new(case.whitenings(&state.noise), &residual, &columns, &state.calibration);
+    let normal =
+        NormalEquations::new(case.whitenings(&state.noise), &residual, &columns, &case.a_priori(&state.calibration));
     let blocks = measured.block_count();
     let bounds: Vec<usize> = (0..=THIRDS).map(|third| blocks * third / THIRDS).collect();
     let mut corrections: Series = std::array::from_fn(|_| vec![0.0; blocks]);
     let mut chi2 = 0.0;
-    let a_priori = a_priori(state, case.nuisances.len());
+    let a_priori = a_priori(case, state);
     for third in 0..THIRDS {
         let range = bounds[third]..bounds[third + 1];
         let mut own: Series = residual.clone();
@@ -64,7 +61,7 @@ pub fn held_out(case: &DiagnosisCase, state: &ModelState) -> ResidualStats {
             }
         }
         let white = NormalEquations::new(case.whitenings(&state.noise), &own, &[], &[]);
-        chi2 += squares(white.residual[..TIMING].iter().flat_map(|values| &values[range.clone()]));
+        chi2 += squares(white.residual[..TIMING].iter().flat_map(|values| values.get(range.clone()).unwrap_or_default()));
     }
     // Each third has its own fit, so that a window starts at its first node.
     let plain = residual_stats::residual(measured, &model);
@@ -89,11 +86,11 @@ pub fn held_out(case: &DiagnosisCase, state: &ModelState) -> ResidualStats {
 }
 
 /// Value and sigma of the calibration parameters before a recording, and of the lag if it is fitted, relative to the state. The sigma
-/// is [`BETWEEN_CHECKOUTS_SIGMAS`], or the estimated departure if that is larger.
-fn a_priori(state: &ModelState, nuisances: usize) -> Vec<(f64, f64)> {
-    let of_number =
-        |((_, number), moved): ((Gyro, usize), &f64)| (-moved, BETWEEN_CHECKOUTS_SIGMAS[number].max(moved.abs()));
-    let calibration = calibration_parameters().into_iter().zip(&state.calibration).map(of_number);
+/// is that between checkouts, or the estimated departure if that is larger.
+fn a_priori(case: &DiagnosisCase, state: &ModelState) -> Vec<(f64, f64)> {
+    let share = if case.nominal.device.is_iras() { BETWEEN_CHECKOUTS } else { 1.0 };
+    let calibration = case.a_priori(&state.calibration);
+    let calibration = calibration.into_iter().map(|(moved, sigma)| (-moved, (share * sigma).max(moved.abs())));
     let lag = (-state.shifts.lag_s, LAG_S.max(state.shifts.lag_s.abs()));
-    calibration.chain(std::iter::once(lag)).take(nuisances).collect()
+    calibration.chain(std::iter::once(lag)).take(case.nuisances.len()).collect()
 }

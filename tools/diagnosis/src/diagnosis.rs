@@ -28,7 +28,7 @@ use crate::unexplained::unexplained;
 use crate::whiteness::{kurtosis, moment, whiteness_statistic};
 use geu_checks::Finding;
 use geu_checks::check;
-use geu_hypothesis::gyros::{Gyros, is_within, names};
+use geu_protocol::Gyros;
 
 /// χ² of two degrees of freedom that a walk of constant growth exceeds once in a thousand recordings.
 const CHANGED_CHI2: f64 = 13.8;
@@ -95,7 +95,7 @@ impl Report<'_> {
         entries.extend(self.entries.lag(&mut selected));
         entries.extend(self.entries.recalibrations(&selected));
         // What moves the calibration of an unexplained gyro is not known.
-        entries.retain(|entry| entry.class == Class::MissingEffect || !is_within(&entry.gyros, &unexplained_gyros));
+        entries.retain(|entry| entry.class == Class::MissingEffect || !entry.gyros.is_within(&unexplained_gyros));
         self.drop_harmful(&mut entries, selected.state.shifts);
         let shifts = selected.state.shifts;
         let refused = self.refuse(&mut entries, &mut unexplained_gyros, &selected.state);
@@ -111,7 +111,7 @@ impl Report<'_> {
         let effects = refused.iter().filter(|(entry, _)| entry.class == Class::MissingEffect);
         findings.extend(effects.map(admission::finding));
         let unexplained =
-            unexplained_gyros.contains(&true).then(|| unexplained(case, bank, &selected, &left, unexplained_gyros));
+            (!unexplained_gyros.is_empty()).then(|| unexplained(case, bank, &selected, &left, unexplained_gyros));
         // Parameters that moved by less than is reported stay as given.
         let configuration = self.configured_with(&entries);
         // The input configuration is compared with the recording before any correction, without the estimated lag and noise.
@@ -121,7 +121,7 @@ impl Report<'_> {
         let [lagged, updated] = [case.nominal, &configuration].map(|configuration| measured.run(configuration, shifts));
         let residuals = [(raw, &given), (measured, &updated)]
             .map(|(measured, model)| windowed(measured, residual(measured, model)));
-        let gaps = |case: &DiagnosisCase, windowed: &[Vec<f64>; 4], model: &ModelRun, state: &ModelState| Gaps {
+        let gaps = |case: &DiagnosisCase, windowed: &[Vec<f64>; TIMING], model: &ModelRun, state: &ModelState| Gaps {
             fitted: fitted(case, windowed, model, state),
             held_out: held_out(case, state),
         };
@@ -180,30 +180,34 @@ impl Report<'_> {
         let Entries { case, thresholds, .. } = self.entries;
         let unexplained = |left: &Series, overfitted: &Gyros| -> Gyros {
             let (_, channels) = whiteness_statistic(left);
-            std::array::from_fn(|gyro| channels[gyro] > thresholds.whiteness_statistic || overfitted[gyro])
+            let is_left = |gyro: usize| channels[gyro] > thresholds.whiteness_statistic || overfitted[gyro];
+            case.measured.gyros().filter(is_left)
         };
         let mut overfitted = selected.overfitted_gyros(case.nominal);
         for other in [selected.beside_nonlinear_filter(self.entries.bank), selected.following_variables(case)] {
-            overfitted.iter_mut().zip(other).for_each(|(overfitted, other)| *overfitted |= other);
+            overfitted = overfitted.and(other);
         }
         let left = selected.normal.projected_residual();
         // A random walk is Gaussian and stationary: a residual with bursts, or that grows in one third only, is none.
         let (residual, nuisances) = case.linearised(&mut selected.state);
         let limits = LazyCell::new(|| kurtosis_limits(case, &selected.state, &selected.normal, self.seed));
-        for found in selected.noise.iter().filter(|found| found.is_significant(case.nominal, &selected.state)) {
+        for found in selected.noise.iter().filter(|found| found.is_significant(&selected.state)) {
             let (channel, noise) = (found.channel, &selected.state.noise[found.channel]);
-            overfitted[channel] |= kurtosis(&left[channel]) > limits[channel]
+            let is_changed = kurtosis(&left[channel]) > limits[channel]
                 || noise::change_chi2(case, channel, noise, found.walk, &residual, &nuisances) > CHANGED_CHI2;
+            if is_changed {
+                overfitted = overfitted.and(overfitted.only(channel));
+            }
         }
         let first = unexplained(&left, &overfitted);
-        if first.contains(&true) {
+        if !first.is_empty() {
             // Hypotheses on these gyros alone did not leave noise, so they explain nothing.
             selected.drop_on(case, &first);
             // Without them others may no longer exceed their threshold.
             selected.prune(case, thresholds);
         }
         let gyros = unexplained(&selected.normal.projected_residual(), &overfitted);
-        selected.noise.retain(|found| found.is_significant(case.nominal, &selected.state));
+        selected.noise.retain(|found| found.is_significant(&selected.state));
         // On an unexplained gyro larger noise only absorbs the residual.
         selected.reset_noise(case, &gyros);
         selected.widen_onsets(case);
@@ -244,7 +248,7 @@ impl Report<'_> {
 
 fn verdict(entries: &[DiagnosedEffect], unexplained: Gyros) -> Verdict {
     let is_missing = entries.iter().any(|entry| entry.class == Class::MissingEffect);
-    match (unexplained.contains(&true), is_missing) {
+    match (!unexplained.is_empty(), is_missing) {
         (true, _) => Verdict::Unexplained,
         (false, true) => Verdict::Explained,
         (false, false) => Verdict::Consistent,
@@ -289,12 +293,12 @@ fn glitches(smoothed: &SmoothedReference) -> Option<Finding> {
 /// The finding of random walks that are configured larger than they are. Angles estimated from counts are closer to the model than noise.
 fn smaller_noise(measured: &MeasuredData, left: &Series) -> Option<Finding> {
     let of_gyro = |gyro: usize| if measured.weights[gyro].is_none() { moment(&left[gyro], 2) } else { 0.0 };
-    let variances: [f64; TIMING] = std::array::from_fn(of_gyro);
-    let is_smaller = variances.map(|variance| variance > 0.0 && variance < SMALLER_VARIANCE);
+    let variances: Vec<f64> = (0..measured.gyros().heads()).map(of_gyro).collect();
+    let is_smaller = measured.gyros().filter(|gyro| variances[gyro] > 0.0 && variances[gyro] < SMALLER_VARIANCE);
     let times = variances.into_iter().filter(|variance| *variance < SMALLER_VARIANCE).fold(0.0, f64::max).sqrt();
-    is_smaller.contains(&true).then(|| Finding {
+    (!is_smaller.is_empty()).then(|| Finding {
         kind: "noise-smaller".to_owned(),
-        place: names(&is_smaller).join(", "),
+        place: is_smaller.names().join(", "),
         text: format!(
             "at most {times:.2} times the noise as configured: with the walks of the gyro, smaller effects are found"
         ),

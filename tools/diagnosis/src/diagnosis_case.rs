@@ -4,7 +4,9 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use geu_model::Configuration;
+use geu_model::device::Device;
 use geu_model::parameter_spec::Role;
+use geu_model::units::{ARCSEC_PER_RAD, SAMPLE_INTERVAL_S};
 use rayon::prelude::*;
 
 use crate::calibration_signatures::{nuisances, on_grid};
@@ -17,7 +19,7 @@ use crate::recent::Recent;
 use crate::rounding::{Rounding, rounding};
 use crate::signature::Signature;
 use crate::whitening::{NoiseModel, Whitening};
-use geu_hypothesis::amplitude::calibration_parameters;
+use geu_hypothesis::CalibrationParameter;
 
 /// Maximum number of Gauss–Newton steps; each runs the model once for every free parameter.
 const STEPS: usize = 6;
@@ -52,6 +54,16 @@ pub struct DiagnosisCase<'a> {
 
 /// A noise and its whitening filters.
 pub type NoiseFilters = ([NoiseModel; CHANNELS], Arc<[Whitening; CHANNELS]>);
+
+/// A priori sigmas of scale factor, drift and projection: at the default unit the change of a scale factor at launch (Casteren table 1),
+/// and in proportion to it wider than an arcminute (§3.4) and a drift; else a tenth, a hundredth of the range, and 0.3 rad. They limit
+/// parameters that the motion does not determine and hardly affect the others.
+fn a_priori_sigmas(device: &Device) -> [f64; 3] {
+    match device.is_iras() {
+        true => [2000e-6, 600.0 / 7200.0, 300.0],
+        false => [0.1, 0.01 * device.range_arcsec_s * SAMPLE_INTERVAL_S, 0.3 * ARCSEC_PER_RAD],
+    }
+}
 
 impl<'a> DiagnosisCase<'a> {
     /// Runs the model for the signatures of the calibration parameters and of a common lag.
@@ -93,7 +105,7 @@ impl<'a> DiagnosisCase<'a> {
             true => self.on(measured),
             false => DiagnosisCase::new(measured, self.nominal),
         };
-        case.nuisances.truncate(calibration_parameters().len());
+        case.nuisances.truncate(CalibrationParameter::all(&self.nominal.device).len());
         case
     }
 
@@ -105,6 +117,15 @@ impl<'a> DiagnosisCase<'a> {
         let (nuisances, rounding) = (self.nuisances.clone(), self.rounding.clone());
         let other = DiagnosisCase::with_signatures(measured, self.nominal, nuisances, rounding);
         DiagnosisCase { origin: self.origin.clone(), ..other }
+    }
+
+    /// Calibration parameters that have moved by this from their a priori values, each with its sigma.
+    pub fn a_priori(&self, moved: &[f64]) -> Vec<(f64, f64)> {
+        let sigmas = a_priori_sigmas(&self.nominal.device);
+        let of = |(place, parameter): (usize, CalibrationParameter)| {
+            (moved.get(place).copied().unwrap_or(0.0), parameter.of_kind(sigmas))
+        };
+        CalibrationParameter::all(&self.nominal.device).into_iter().enumerate().map(of).collect()
     }
 
     /// The initial state.
@@ -137,7 +158,8 @@ impl<'a> DiagnosisCase<'a> {
             return filters.clone();
         }
         let filters = Arc::new(std::array::from_fn(|channel| {
-            Whitening::new(&noise[channel], &self.measured.blocks[channel], &self.rounding[channel])
+            let blocks = &self.measured.blocks[channel];
+            Whitening::new(&noise[channel], blocks, &self.rounding[channel], self.measured.block_s())
         }));
         *last() = Some((*noise, filters.clone()));
         filters
@@ -173,7 +195,8 @@ impl<'a> DiagnosisCase<'a> {
         if state.held.iter().any(|held| held.hypothesis.amplitude.filters_motion()) {
             return state.clone();
         }
-        let mut values = on_grid(&state.nuisances(), &self.origin);
+        let parameters = CalibrationParameter::all(&self.nominal.device);
+        let mut values = on_grid(&state.nuisances(), &self.origin, &parameters, self.measured.block_s());
         let lag_s = values.pop().unwrap_or_default();
         ModelState { calibration: values, shifts: Shifts { lag_s, ..state.shifts }, ..state.clone() }
     }
@@ -204,7 +227,7 @@ impl<'a> DiagnosisCase<'a> {
         let moved = |&place: &usize| {
             let (held, index) = parameters[place];
             let parameter = &state.held[held].hypothesis.parameters()[index];
-            let mut step = parameter.step();
+            let mut step = parameter.step(self.measured.block_s());
             if parameter.value + step > parameter.max {
                 step = -step;
             }
@@ -248,14 +271,19 @@ impl<'a> DiagnosisCase<'a> {
         for (residual, signature) in residual.iter_mut().zip(&signature) {
             residual.iter_mut().zip(signature.iter().flatten()).for_each(|(own, unit)| *own += value * unit);
         }
-        let normal = NormalEquations::new(self.whitenings(&state.noise), &residual, &columns, &state.calibration);
+        let normal = NormalEquations::new(
+            self.whitenings(&state.noise),
+            &residual,
+            &columns,
+            &self.a_priori(&state.calibration),
+        );
         Signature::new(&normal, &signature).cross_validate(&normal)
     }
 
     /// Normal equations at a state.
     pub fn normal(&self, state: &mut ModelState) -> NormalEquations {
         let (residual, columns) = self.linearised(state);
-        NormalEquations::new(self.whitenings(&state.noise), &residual, &columns, &state.calibration)
+        NormalEquations::new(self.whitenings(&state.noise), &residual, &columns, &self.a_priori(&state.calibration))
     }
 
     /// Normal equations at a state without one hypothesis, at the same lag.
@@ -288,7 +316,7 @@ impl<'a> DiagnosisCase<'a> {
             let (mut sufficient, mut lower) = (None, None);
             for halving in 0..HALVINGS {
                 let part = 0.5f64.powi(halving as i32);
-                let mut tried = state.moved(&(&solution * part));
+                let mut tried = state.moved(&(&solution * part), self.measured.block_s());
                 let tried_normal = self.normal(&mut tried);
                 let reached = (normal.squares() - tried_normal.squares()) / (part * (2.0 - part) * predicted);
                 let tried = Some((tried, tried_normal));

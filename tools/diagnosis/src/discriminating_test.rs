@@ -10,7 +10,7 @@ mod sequences;
 use std::sync::{Arc, OnceLock};
 
 use geu_model::Configuration;
-use geu_model::units::{ORBIT_S, SAMPLE_INTERVAL_S};
+use geu_model::units::ORBIT_S;
 use rayon::prelude::*;
 
 use crate::alternatives::{AMBIGUITY_CHI2, Alternative};
@@ -218,7 +218,7 @@ impl<'a> DiscriminatingTests<'a> {
     /// Repeats the motion at other temperatures, on which the signatures of the calibration parameters hardly depend.
     fn warm(&self) -> Vec<(String, Candidate)> {
         let measured = self.case.measured;
-        let samples = measured.samples.min((ORBIT_S / SAMPLE_INTERVAL_S) as usize);
+        let samples = measured.samples.min((ORBIT_S / measured.interval_s()) as usize);
         let known = &measured.counts.electronics_c[..=samples];
         let mean_c = known.iter().sum::<f64>() / known.len() as f64;
         let first =
@@ -226,7 +226,7 @@ impl<'a> DiscriminatingTests<'a> {
         let candidate = |measured: MeasuredData| Candidate {
             measured,
             nuisances: self.case.nuisances.iter().map(first).collect(),
-            rounding: Arc::new(self.case.rounding.each_ref().map(|channel| channel[..samples / BLOCK].to_vec())),
+            rounding: Arc::new(self.case.rounding.each_ref().map(|channel| channel.iter().take(samples / BLOCK).copied().collect())),
             linear: self.case.linear.on_another_motion(),
         };
         let opposite = measured.again(samples, |celsius| 2.0 * mean_c - celsius);

@@ -1,11 +1,12 @@
 //! The reported effects: hypotheses, noises, lag, calibration parameters and wiring faults, each with its parameters, alternatives and
 //! corrections of the configuration.
 
-use geu_model::effect::{AngleRandomWalk, BiasInstability, DriftRandomWalk, Effect, GyroEffects, ScaleFactorNoise};
+use geu_model::effect::{
+    AngleRandomWalk, BiasInstability, DriftRandomWalk, Effect, GyroEffects, Misalignment, ScaleFactorNoise,
+};
 use geu_model::fault::{EffectList, ParameterRef};
 use geu_model::package::Calibration;
 use geu_model::parameter_spec::ParameterSet;
-use geu_protocol::Gyro;
 
 use crate::alternatives::{AMBIGUITY_CHI2, Alternative, Penalties, alternatives};
 use crate::diagnosis_case::DiagnosisCase;
@@ -23,9 +24,9 @@ use crate::search::{search, shape_penalty};
 use crate::signature_bank::{ConstantSignature, EXACT_SIGNATURE, HypothesisFamily, SignatureBank};
 use crate::significance::{FOUR_SIGMAS, THREE_SIGMAS};
 use geu_checks::WiringFault;
+use geu_hypothesis::CalibrationParameter;
 use geu_hypothesis::Hypothesis;
-use geu_hypothesis::amplitude::{AmplitudeRef, calibration_parameters};
-use geu_hypothesis::gyros::{ALL_GYROS, is_within, only};
+use geu_hypothesis::amplitude::AmplitudeRef;
 
 /// Lag of the link, up to 5 ms (protocol/ICD.md): mean and 1 sigma.
 const LINK_LAG_S: (f64, f64) = (0.0025, 0.0025 / 1.732_050_807_568_877_2);
@@ -78,7 +79,7 @@ impl Entries<'_> {
         let of = |fault: &WiringFault| {
             let mut entry = effect(&fault.hypothesis, &[]);
             entry.parameters[0].written = Some(fault.hypothesis.amplitude.number().written(fault.hypothesis.value));
-            entry.gyros = Gyro::ALL.map(|gyro| fault.gyros.contains(&gyro));
+            entry.gyros = entry.gyros.unit().filter(|gyro| fault.gyros.iter().any(|own| own.index() == gyro));
             entry
         };
         self.faults.iter().map(of).collect()
@@ -136,11 +137,12 @@ impl Entries<'_> {
                     let mean = (hypothesis.value.ln() * one + value.ln() * two) / (one + two);
                     *other = (one + two).powf(-0.5);
                     hypothesis.value = mean.exp();
-                    hypothesis.gyros[found.channel] = true;
+                    hypothesis.gyros = hypothesis.gyros.and(hypothesis.gyros.only(found.channel));
                     *fall += found.fitted.fall;
                 }
                 None => {
-                    let hypothesis = Hypothesis::constant(amplitude, value, only(found.channel));
+                    let hypothesis =
+                        Hypothesis::constant(amplitude, value, self.case.measured.gyros().only(found.channel));
                     all.push((hypothesis, sigma, found.fitted.fall));
                 }
             }
@@ -166,8 +168,7 @@ impl Entries<'_> {
     fn noise_alternatives(&self, selected: &SelectedModel, entries: &mut [DiagnosedEffect]) {
         let mut state = selected.state.clone();
         for found in &selected.noise {
-            let configured = found.configured(self.case.nominal);
-            state.noise[found.channel] = state.noise[found.channel].with(found.walk, configured);
+            state.noise[found.channel] = state.noise[found.channel].with(found.walk, found.before);
         }
         let normal = self.case.normal(&mut state);
         let candidates = search(self.bank, &normal, &state, None);
@@ -175,7 +176,7 @@ impl Entries<'_> {
             let fall = entry.chi2.map_or(0.0, |chi2| chi2.fall);
             let near = candidates.iter().filter(|candidate| {
                 !candidate.hypothesis.amplitude.is_of_unit()
-                    && is_within(&candidate.hypothesis.gyros, &entry.gyros)
+                    && candidate.hypothesis.gyros.is_within(&entry.gyros)
                     && fall - candidate.gain.chi2 < AMBIGUITY_CHI2
             });
             // Noise has no signature, thus no cosine.
@@ -198,13 +199,13 @@ impl Entries<'_> {
         let (amplitude, ratio) = self.constant_effect(self.case.nuisances.last()?, AmplitudeRef::is_of_unit)?;
         // A part of it is that of the link.
         let link_s = if self.case.measured.counts.is_received { LINK_LAG_S } else { (0.0, 0.0) };
-        let hypothesis = Hypothesis::constant(amplitude, (lag_s - link_s.0) * ratio, ALL_GYROS);
+        let hypothesis = Hypothesis::constant(amplitude, (lag_s - link_s.0) * ratio, self.case.measured.gyros());
         state.shifts.lag_s = link_s.0;
         state.held.push(FittedHypothesis::fixed(hypothesis.clone()));
         let late = ReportedAlternative {
             code: if lag_s > 0.0 { "reference-early" } else { "reference-late" }.to_owned(),
             formula: None,
-            gyros: ALL_GYROS,
+            gyros: self.case.measured.gyros(),
             cosine: 1.0,
             delta_chi2: None,
             discriminating_test: Some("a time stamp of unit and reference by one clock".to_owned()),
@@ -242,6 +243,26 @@ impl Entries<'_> {
         (cosine > EXACT_SIGNATURE).then_some((amplitude, ratio))
     }
 
+    /// The effect of a changed calibration parameter, and the name and value per unit of each of its numbers. At rest a scale factor has
+    /// the signature of a drift: the name of the parameter determines the effect.
+    fn changes(&self, parameter: &CalibrationParameter, index: usize) -> Option<(String, Vec<(String, f64)>)> {
+        let name = |number: usize| Calibration::NUMBERS[number].name;
+        match parameter.numbers()[..] {
+            [(number, _)] => {
+                let is_own = |amplitude: &AmplitudeRef| {
+                    let own = name(number);
+                    own == amplitude.size().name || own.starts_with(&amplitude.code().replace('-', "_"))
+                };
+                let (amplitude, ratio) = self.constant_effect(&self.case.nuisances[index], is_own)?;
+                Some((amplitude.code(), vec![(amplitude.size().name, ratio)]))
+            }
+            ref several => {
+                let changes = several.iter().map(|&(number, share)| (name(number).to_owned(), share));
+                Some((Misalignment::SPEC.code.to_owned(), changes.collect()))
+            }
+        }
+    }
+
     /// Calibration parameters with a significant correction.
     ///
     /// Beside an effect on its gyro a parameter counts if all others are known: the effect was fitted with it, and without it is another one.
@@ -249,8 +270,8 @@ impl Entries<'_> {
         let (state, normal) = (&selected.state, &selected.normal);
         let has_effect = |gyro: usize| state.held.iter().any(|held| held.hypothesis.gyros[gyro]);
         let mut entries: Vec<DiagnosedEffect> = Vec::new();
-        for (index, (gyro, number)) in calibration_parameters().into_iter().enumerate() {
-            let (moved, sigma) = (state.calibration[index], state.calibration_sigmas[index]);
+        for (index, parameter) in CalibrationParameter::all(&self.case.nominal.device).into_iter().enumerate() {
+            let (moved, sigma, gyro) = (state.calibration[index], state.calibration_sigmas[index], parameter.gyro);
             let (own_sigma, sigmas) = match has_effect(gyro.index()) {
                 true => (normal.conditional_sigma(index).min(sigma), 1.0),
                 false => (sigma, FOUR_SIGMAS),
@@ -258,35 +279,39 @@ impl Entries<'_> {
             if moved.abs() <= sigmas * own_sigma || sigma.is_nan() {
                 continue;
             }
-            // At rest a scale factor has the signature of a drift: its name determines the effect.
-            let name = Calibration::NUMBERS[number].name;
-            let is_own = |amplitude: &AmplitudeRef| {
-                name == amplitude.size().name || name.starts_with(&amplitude.code().replace('-', "_"))
-            };
-            let Some((amplitude, ratio)) = self.constant_effect(&self.case.nuisances[index], is_own) else { continue };
-            let found = EstimatedValue::new(amplitude.size().name, moved * ratio, sigma * ratio.abs());
-            let total = self.case.nominal.gyros[gyro.index()].calibration.value(number) + moved;
-            // Digits down to a hundredth of a sigma.
-            let decimals = (2.0 - sigma.log10().floor()).clamp(0.0, 15.0) as usize;
-            let value = format!("{total:.decimals$}").parse().expect("a formatted number");
-            let correction = Correction::Calibration { gyro, number, value, decimals };
+            let Some((code, changes)) = self.changes(&parameter, index) else { continue };
             let fall = (moved / own_sigma).powi(2);
-            let (code, gyros) = (amplitude.code(), only(gyro.index()));
-            match entries.iter_mut().find(|entry| entry.code == code && entry.gyros == gyros) {
-                Some(entry) => {
-                    entry.parameters.push(found);
-                    entry.corrections.push(correction);
-                    entry.chi2 = entry.chi2.map(|chi2| Chi2Fall { fall: chi2.fall.max(fall), ..chi2 });
-                }
-                None => entries.push(DiagnosedEffect {
-                    parameters: vec![found],
-                    chi2: Some(Chi2Fall { fall, threshold: sigmas.powi(2) }),
-                    corrections: vec![correction],
-                    code,
-                    gyros,
-                    class: Class::Recalibration,
-                    ..DiagnosedEffect::default()
-                }),
+            let gyros = self.case.measured.gyros().only(gyro.index());
+            let place = entries.iter().position(|entry| entry.code == code && entry.gyros == gyros);
+            let place = place.unwrap_or_else(|| {
+                let chi2 = Some(Chi2Fall { fall: 0.0, threshold: sigmas.powi(2) });
+                let class = Class::Recalibration;
+                entries.push(DiagnosedEffect { chi2, code, gyros, class, ..DiagnosedEffect::default() });
+                entries.len() - 1
+            });
+            let entry = &mut entries[place];
+            entry.chi2 = entry.chi2.map(|chi2| Chi2Fall { fall: chi2.fall.max(fall), ..chi2 });
+            for ((number, share), (name, ratio)) in parameter.numbers().into_iter().zip(changes) {
+                // Digits down to a hundredth of a sigma.
+                let decimals = (2.0 - (sigma * share.abs()).log10().floor()).clamp(0.0, 15.0) as usize;
+                let own =
+                    |own: &Correction| matches!(own, Correction::Calibration { number: other, .. } if *other == number);
+                let before = entry
+                    .corrections
+                    .iter()
+                    .position(own)
+                    .map(|place| (entry.corrections.remove(place), entry.parameters.remove(place)));
+                let configured = self.case.nominal.gyros[gyro.index()].calibration.value(number);
+                let (total, value, variance) = match before {
+                    Some((Correction::Calibration { value, .. }, before)) => {
+                        (value, before.value, before.sigma.unwrap_or(0.0).powi(2))
+                    }
+                    _ => (configured, 0.0, 0.0),
+                };
+                let value_sigma = variance.sqrt().hypot(sigma * ratio);
+                entry.parameters.push(EstimatedValue::new(name, value + moved * ratio, value_sigma));
+                let value = format!("{:.decimals$}", total + moved * share).parse().expect("a formatted number");
+                entry.corrections.push(Correction::Calibration { gyro, number, value, decimals });
             }
         }
         entries
@@ -320,10 +345,14 @@ mod tests {
     #[test]
     fn alternatives_with_an_onset_leave_a_test_to_the_others() {
         let with_steps = |amplitude: &AmplitudeRef| amplitude.own_shapes().is_empty() && amplitude.with(STEP).is_some();
-        let amplitude = AmplitudeRef::all().into_iter().find(with_steps).expect("an effect with steps");
-        let constant = Hypothesis::constant(amplitude, 1.0, ALL_GYROS);
+        let amplitude = AmplitudeRef::all(&geu_model::device::Device::iras())
+            .into_iter()
+            .find(with_steps)
+            .expect("an effect with steps");
+        let constant = Hypothesis::constant(amplitude, 1.0, geu_protocol::Gyros::ALL);
         let stepped = amplitude.with(STEP).expect("a step");
-        let step = Hypothesis { course_shapes: vec![100.0], ..Hypothesis::constant(stepped, 1.0, ALL_GYROS) };
+        let step =
+            Hypothesis { course_shapes: vec![100.0], ..Hypothesis::constant(stepped, 1.0, geu_protocol::Gyros::ALL) };
         let group = [vec![step; ALTERNATIVES], vec![constant]].concat();
         let places: Vec<usize> = [ALTERNATIVES].into_iter().chain(0..ALTERNATIVES - 1).collect();
         assert_eq!(tested(group.iter()), places);

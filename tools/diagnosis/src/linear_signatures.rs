@@ -78,7 +78,7 @@ impl LinearSignatures {
             return Some(now);
         }
         let parameter = &hypothesis.parameters()[index];
-        let step = parameter.step();
+        let step = parameter.step(measured.block_s());
         let mut moved = hypothesis.clone();
         moved.set(index, parameter.value + step);
         let moved = with(&moved);
@@ -105,7 +105,8 @@ impl LinearSignatures {
         }
         let amplitude = hypothesis.amplitude.constant();
         let size = SHARE * amplitude.size().max;
-        let constant = Hypothesis { own_shapes, ..Hypothesis::constant(amplitude, size, amplitude.gyros()) };
+        let constant =
+            Hypothesis { own_shapes, ..Hypothesis::constant(amplitude, size, amplitude.gyros(&nominal.device)) };
         let shifts = Shifts { temperature_s, ..Shifts::default() };
         let mut moved = nominal.clone();
         constant.apply(&mut moved);

@@ -17,7 +17,7 @@ use std::sync::Arc;
 use geu_calibration::{AccumulatedCounts, BreakKind, Discontinuity};
 use geu_model::Configuration;
 use geu_model::attitude::RecordedAttitude;
-use geu_model::units::SAMPLE_INTERVAL_S;
+use geu_protocol::Gyros;
 use geu_recording::ReferenceAttitude;
 
 use dequantised::{DequantisedAngles, dequantise};
@@ -30,11 +30,10 @@ use model_cache::ModelCache;
 use series::TIMING_UNIT_S;
 use temperature::between_readings;
 
-/// Samples averaged into one block, 5 s. Rounding and the limit cycle average out; a missing effect changes an angle over minutes.
+/// Nodes averaged into one block, of the default unit 5 s. Rounding and the limit cycle average out; a missing effect changes an angle over
+/// minutes.
 pub const BLOCK: usize = 10;
-/// Length of a block, s.
-pub const BLOCK_S: f64 = BLOCK as f64 * SAMPLE_INTERVAL_S;
-/// Minimum usable length, 10 min.
+/// Minimum usable number of blocks, of the default unit 10 min.
 const MIN_BLOCKS: usize = 120;
 
 /// Number of counts that may contradict a path: more, and it is not that of the gyro.
@@ -50,7 +49,7 @@ pub enum MeasuredError {
     Empty,
     /// The common interval of recording and reference is too short.
     #[error(
-        "the recording ({from_s:.1}…{to_s:.1} s) and the reference ({reference_from_s:.1}…{reference_to_s:.1} s): expected at least 10 min in common, got {common_s:.1} s"
+        "the recording ({from_s:.1}…{to_s:.1} s) and the reference ({reference_from_s:.1}…{reference_to_s:.1} s): expected at least {min_s:.0} s in common, got {common_s:.1} s"
     )]
     NoOverlap {
         /// Start of the recording.
@@ -63,20 +62,24 @@ pub enum MeasuredError {
         reference_to_s: f64,
         /// Length of the common interval.
         common_s: f64,
+        /// Minimum usable length.
+        min_s: f64,
     },
     /// Too many samples of the common interval are not usable.
     #[error(
-        "the recording: expected at least 10 min of one gyro beside the reference, without lost, clipped or invalid samples, got {good_s:.0} s of {common_s:.0} s; `geu decode` lists the losses"
+        "the recording: expected at least {min_s:.0} s of one gyro beside the reference, without lost, clipped or invalid samples, got {good_s:.0} s of {common_s:.0} s; `geu decode` lists the losses"
     )]
     Broken {
         /// Usable length of the gyro that has the longest.
         good_s: f64,
         /// Length of the common interval.
         common_s: f64,
+        /// Minimum usable length.
+        min_s: f64,
     },
 }
 
-/// Ten samples of one channel.
+/// Ten nodes of one channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Block {
     /// True if its nodes are usable.
@@ -145,8 +148,11 @@ impl MeasuredData {
                 Block { is_good, is_compared: is_good, restarts: !is_good }
             }
         };
-        let mut blocks: [Vec<Block>; CHANNELS] =
-            std::array::from_fn(|channel| (0..samples / BLOCK).map(|number| block(channel, number)).collect());
+        let heads = counts.gyros.heads();
+        let mut blocks: [Vec<Block>; CHANNELS] = std::array::from_fn(|channel| {
+            let count = if channel < heads || channel == TIMING { samples / BLOCK } else { 0 };
+            (0..count).map(|number| block(channel, number)).collect()
+        });
         let good = |blocks: &[Vec<Block>; CHANNELS]| {
             let of_channel = |channel: &Vec<Block>| channel.iter().filter(|block| block.is_good).count();
             blocks[..TIMING].iter().map(of_channel).max().unwrap_or(0)
@@ -155,6 +161,8 @@ impl MeasuredData {
         leave_out(&counts.breaks, &mut blocks);
         let good = good(&blocks);
         let common_s = (counts.end_s().min(reference.end_s()) - start_s.max(0.0)).max(0.0);
+        let block_s = BLOCK as f64 * counts.interval_s;
+        let min_s = MIN_BLOCKS as f64 * block_s;
         if covered < MIN_BLOCKS {
             let at = counts.start_ns as f64 * 1e-9;
             return Err(MeasuredError::NoOverlap {
@@ -163,10 +171,11 @@ impl MeasuredData {
                 reference_from_s: at + start_s,
                 reference_to_s: at + reference.end_s(),
                 common_s,
+                min_s,
             });
         }
         if good < MIN_BLOCKS {
-            return Err(MeasuredError::Broken { good_s: good as f64 * BLOCK_S, common_s });
+            return Err(MeasuredError::Broken { good_s: good as f64 * block_s, common_s, min_s });
         }
         let (reference_sigma, smoothed) =
             SmoothedReference::new(&counts, &reference, sigma_arcsec, nominal, samples / BLOCK);
@@ -192,9 +201,24 @@ impl MeasuredData {
         })
     }
 
+    /// Nominal interval of the nodes, s.
+    pub fn interval_s(&self) -> f64 {
+        self.counts.interval_s
+    }
+
+    /// Length of a block, s.
+    pub fn block_s(&self) -> f64 {
+        BLOCK as f64 * self.counts.interval_s
+    }
+
+    /// All gyros of the unit.
+    pub fn gyros(&self) -> Gyros {
+        self.counts.gyros
+    }
+
     /// Duration, s.
     pub fn duration_s(&self) -> f64 {
-        self.samples as f64 * SAMPLE_INTERVAL_S
+        self.samples as f64 * self.counts.interval_s
     }
 
     /// True if the channel has a usable block.
@@ -207,18 +231,13 @@ impl MeasuredData {
         self.blocks[0].len()
     }
 
-    /// Middle of a block, s.
-    pub fn middle_s(block: usize) -> f64 {
-        (block as f64 + 0.5) * BLOCK_S + 0.5 * SAMPLE_INTERVAL_S
-    }
-
     /// Measured value of each channel at each node, as [`MeasuredData::run`] gives it for a model.
     pub fn series(&self) -> Series {
-        std::array::from_fn(|channel| self.measured(channel)[..=self.samples].to_vec())
+        std::array::from_fn(|channel| self.measured(channel).get(..=self.samples).unwrap_or_default().to_vec())
     }
 
     fn measured(&self, channel: usize) -> &[f64] {
-        self.counts.accumulated.get(channel).unwrap_or(&self.late)
+        if channel == TIMING { &self.late } else { self.counts.accumulated.get(channel).map_or(&[], |own| own) }
     }
 
     /// Block averages of measurement minus model along the reference's own rows, 0 in blocks that are not usable.
@@ -249,7 +268,7 @@ impl MeasuredData {
         std::array::from_fn(|channel| {
             let average =
                 |number: usize| self.average(channel, number, |node| moved[channel][node] - from[channel][node]);
-            (0..self.block_count()).map(average).collect()
+            (0..self.blocks[channel].len()).map(average).collect()
         })
     }
 
@@ -270,8 +289,9 @@ impl MeasuredData {
     pub fn dequantised(&self, paths: &[ModelRun], angle_walks: [f64; TIMING]) -> MeasuredData {
         let mut measured = self.clone();
         for (gyro, angle_walk) in angle_walks.into_iter().enumerate() {
-            let (counts, blocks) = (&self.counts.accumulated[gyro], &self.blocks[gyro]);
-            let along = paths.iter().map(|path| dequantise(counts, &path[gyro], blocks, angle_walk));
+            let Some(counts) = self.counts.accumulated.get(gyro) else { continue };
+            let (blocks, interval_s) = (&self.blocks[gyro], self.counts.interval_s);
+            let along = paths.iter().map(|path| dequantise(counts, &path[gyro], blocks, angle_walk, interval_s));
             let possible = along.filter(|own| own.contradictions <= MAX_CONTRADICTIONS);
             let likelier = |first: DequantisedAngles, other: DequantisedAngles| {
                 if other.log_likelihood > first.log_likelihood + LIKELIER { other } else { first }
@@ -302,7 +322,7 @@ fn leave_out(breaks: &[Discontinuity], blocks: &mut [Vec<Block>; CHANNELS]) {
         let moves_times = matches!(found.kind, BreakKind::TimeJump | BreakKind::Jump | BreakKind::Reset);
         let last = found.to.saturating_sub(1) / BLOCK;
         for (index, channel) in blocks.iter_mut().enumerate() {
-            let is_affected = found.gyros.get(index).copied().unwrap_or(moves_times);
+            let is_affected = if index == TIMING { moves_times } else { found.gyros[index] };
             for block in channel.iter_mut().take(last + 1).skip(found.from / BLOCK).filter(|_| is_affected) {
                 *block = Block { is_good: false, is_compared: false, restarts: true };
             }
@@ -315,6 +335,7 @@ mod tests {
     use super::*;
 
     use geu_model::attitude::AttitudeRow;
+    use geu_model::units::SAMPLE_INTERVAL_S;
 
     /// Error for samples at rest from `start_s` of a reference of 1500 s, of which every `lost_each`-th sample is lost.
     fn rejected(start_s: f64, lost_each: usize) -> String {
@@ -326,8 +347,8 @@ mod tests {
         let rows: Vec<AttitudeRow> = (0..=3000).map(row).collect();
         let truth = Arc::new(RecordedAttitude::new(&rows).expect("a truth"));
         let mut counts = AccumulatedCounts::starting_at((start_s * 1e9) as i64);
-        (1..=2400).for_each(|node| counts.push(node as f64 * SAMPLE_INTERVAL_S, [0.0; 4], 20.0));
-        let lost = |node: usize| Discontinuity { from: node, to: node + 1, gyros: [true; 4], kind: BreakKind::Gap(1) };
+        (1..=2400).for_each(|node| counts.push(node as f64 * SAMPLE_INTERVAL_S, &[0.0; 4], 20.0));
+        let lost = |node: usize| Discontinuity { from: node, to: node + 1, gyros: Gyros::ALL, kind: BreakKind::Gap(1) };
         counts.breaks = (1..2400).step_by(lost_each).map(lost).collect();
         MeasuredData::new(
             counts,

@@ -25,7 +25,6 @@ use crate::recent::Recent;
 use crate::search::{Candidate, passes_cross_validation, search, separate_sets};
 use crate::signature_bank::SignatureBank;
 use crate::significance::{THREE_SIGMA_CHI2, TWO_SIGMA_CHI2};
-use geu_hypothesis::gyros::overlap;
 
 use acceptance::negligible;
 use candidate_fit::{HeldOut, best_fit};
@@ -113,7 +112,7 @@ pub fn select_model(searches: &Searches, start: &ModelState, per_gyro: usize) ->
             selected = grow(searches, selected, per_gyro, order).0;
         }
         // Walks are fitted again beside the effects.
-        selected.reset_noise(case, &[true; TIMING]);
+        selected.reset_noise(case, &case.measured.gyros());
         (finished(selected), is_other)
     };
     let from = |selected: &SelectedModel| {
@@ -191,7 +190,7 @@ fn grow(searches: &Searches, mut now: SelectedModel, per_gyro: usize, order: Ord
     now.rejected = None;
     loop {
         let mut candidates = searches.candidates(&now.state, &now.normal);
-        candidates.retain(|own| !rejected.iter().any(|other| overlap(&own.hypothesis.gyros, &other.hypothesis.gyros)));
+        candidates.retain(|own| !rejected.iter().any(|other| own.hypothesis.gyros.overlaps(&other.hypothesis.gyros)));
         let (candidates, differs) = order.sorted(candidates, thresholds);
         is_other |= differs;
         let Some(first) = candidates.first() else { break };

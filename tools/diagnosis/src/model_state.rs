@@ -3,14 +3,14 @@
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 use geu_model::Configuration;
-use geu_model::parameter_spec::{ParameterSet, Role};
+use geu_model::parameter_spec::Role;
 use nalgebra::{DMatrix, DVector};
 
 use crate::fitted_hypothesis::FittedHypothesis;
 use crate::measured::{CHANNELS, Shifts};
 use crate::whitening::NoiseModel;
-use geu_hypothesis::HypothesisParameter;
-use geu_hypothesis::amplitude::{AmplitudeRef, calibration_parameters};
+use geu_hypothesis::amplitude::AmplitudeRef;
+use geu_hypothesis::{CalibrationParameter, HypothesisParameter};
 
 /// A larger constant lag is not that of the link (protocol/ICD.md).
 pub const LAG_S: f64 = 0.010;
@@ -48,8 +48,8 @@ impl ModelState {
     /// The configuration with all corrections and hypotheses.
     pub fn configuration(&self, nominal: &Configuration) -> Configuration {
         let mut configuration = nominal.clone();
-        for ((gyro, number), added) in calibration_parameters().into_iter().zip(&self.calibration) {
-            *configuration.gyros[gyro.index()].calibration.value_mut(number) += added;
+        for (parameter, added) in CalibrationParameter::all(&nominal.device).iter().zip(&self.calibration) {
+            parameter.add(&mut configuration.gyros[parameter.gyro.index()].calibration, *added);
         }
         for held in &self.held {
             held.hypothesis.apply(&mut configuration);
@@ -73,7 +73,7 @@ impl ModelState {
             push(&[*penalty]);
             push(&held_out.map(|third| third.unwrap_or(f64::INFINITY)));
             push(&is_free.iter().map(|free| f64::from(u8::from(*free))).collect::<Vec<_>>());
-            push(&hypothesis.gyros.map(|gyro| f64::from(u8::from(gyro))));
+            push(&[hypothesis.gyros.mask() as f64]);
             columns.iter().flat_map(|columns| columns.iter()).flatten().flatten().for_each(|values| push(values));
             push(&[f64::from(u8::from(columns.is_some()))]);
         }
@@ -117,7 +117,7 @@ impl ModelState {
         self.held.iter().enumerate().flat_map(of_held).collect()
     }
 
-    pub(crate) fn moved(&self, by: &DVector<f64>) -> ModelState {
+    pub(crate) fn moved(&self, by: &DVector<f64>, block_s: f64) -> ModelState {
         let mut moved = self.clone();
         let count = self.calibration.len();
         for (index, value) in moved.calibration.iter_mut().enumerate() {
@@ -127,7 +127,7 @@ impl ModelState {
         for (place, (held, index)) in self.free().into_iter().enumerate() {
             let hypothesis = &mut moved.held[held].hypothesis;
             let parameter = &hypothesis.parameters()[index];
-            let max = max_change(parameter);
+            let max = max_change(parameter, block_s);
             let value = parameter.value + by[count + 1 + place].clamp(-max, max);
             hypothesis.set(index, value.clamp(parameter.min, parameter.max));
         }
@@ -146,9 +146,9 @@ impl ModelState {
 }
 
 /// Maximum change of a parameter in one step.
-fn max_change(parameter: &HypothesisParameter) -> f64 {
+fn max_change(parameter: &HypothesisParameter, block_s: f64) -> f64 {
     match parameter.role {
-        Role::Onset | Role::Duration => 300.0,
+        Role::Onset | Role::Duration => 60.0 * block_s,
         Role::Phase => 0.5,
         Role::Period => 0.1 * parameter.value.abs(),
         Role::TimeConstant | Role::Width => 0.5 * parameter.value.abs(),

@@ -7,9 +7,8 @@ use geu_checks::median;
 use std::ops::Range;
 
 use geu_calibration::window::ManoeuvreWindow;
-use geu_model::units::SAMPLE_INTERVAL_S;
 
-use crate::measured::{BLOCK_S, MeasuredData, ModelRun, TIMING};
+use crate::measured::{BLOCK, MeasuredData, ModelRun, TIMING};
 use crate::residual_stats::{relative, residual};
 
 /// Below this mean rate the unit rests: the largest mean over 5 s of a limit cycle of 4 arcsec/s, less than any manoeuvre.
@@ -37,13 +36,13 @@ pub struct MotionSegment {
 
 impl MotionSegment {
     /// Range of blocks.
-    pub fn blocks(&self) -> Range<usize> {
-        (self.from_s / BLOCK_S).round().max(0.0) as usize..(self.to_s / BLOCK_S).round().max(0.0) as usize
+    pub fn blocks(&self, block_s: f64) -> Range<usize> {
+        (self.from_s / block_s).round().max(0.0) as usize..(self.to_s / block_s).round().max(0.0) as usize
     }
 
     /// Range of nodes, including the one at its start.
-    fn nodes(&self) -> Range<usize> {
-        let node = |at_s: f64| (at_s / SAMPLE_INTERVAL_S).round().max(0.0) as usize;
+    fn nodes(&self, block_s: f64) -> Range<usize> {
+        let node = |at_s: f64| (at_s / block_s * BLOCK as f64).round().max(0.0) as usize;
         node(self.from_s)..node(self.to_s) + 1
     }
 }
@@ -68,9 +67,10 @@ pub fn cut(measured: &MeasuredData) -> Vec<MotionSegment> {
             _ => joined.push((motion, range)),
         }
     }
+    let block_s = measured.block_s();
     let of = |(_, range): (Motion, Range<usize>)| {
         let (axis, name) = describe(&rates[range.clone()]);
-        MotionSegment { name, from_s: range.start as f64 * BLOCK_S, to_s: range.end as f64 * BLOCK_S, axis }
+        MotionSegment { name, from_s: range.start as f64 * block_s, to_s: range.end as f64 * block_s, axis }
     };
     joined.into_iter().map(of).collect()
 }
@@ -78,12 +78,12 @@ pub fn cut(measured: &MeasuredData) -> Vec<MotionSegment> {
 /// The parts of listed manoeuvres that lie within the recording.
 pub fn listed(measured: &MeasuredData, windows: &[ManoeuvreWindow]) -> Vec<MotionSegment> {
     let (rates, start_s) = (rates(measured), measured.counts.start_ns as f64 * 1e-9);
-    let end_s = rates.len() as f64 * BLOCK_S;
+    let end_s = rates.len() as f64 * measured.block_s();
     let of = |window: &ManoeuvreWindow| {
         let within = |at_s: f64| (at_s - start_s).clamp(0.0, end_s);
         let (from_s, to_s) = (within(window.start_s), within(window.end_s));
         let segment = MotionSegment { name: window.name.clone(), from_s, to_s, axis: None };
-        let own = rates.get(segment.blocks()).filter(|own| !own.is_empty())?;
+        let own = rates.get(segment.blocks(measured.block_s())).filter(|own| !own.is_empty())?;
         Some(MotionSegment { axis: describe(own).0, ..segment })
     };
     windows.iter().filter_map(of).collect()
@@ -94,13 +94,15 @@ pub fn listed(measured: &MeasuredData, windows: &[ManoeuvreWindow]) -> Vec<Motio
 pub fn rms_arcsec(measured: &MeasuredData, model: &ModelRun, segments: &[MotionSegment]) -> Vec<[f64; TIMING]> {
     let residual = residual(measured, model);
     let of_gyro = |gyro: usize, segment: &MotionSegment| {
-        let nodes = segment.nodes();
+        let nodes = segment.nodes(measured.block_s());
         let nodes = nodes.start.max(1)..nodes.end.min(measured.samples + 1);
         let values = relative(measured, gyro, nodes, |node| residual(gyro, node), |_| false);
         let known = || values.iter().filter(|value| !value.is_nan());
         (known().map(|value| value.powi(2)).sum::<f64>() / known().count() as f64).sqrt()
     };
-    segments.iter().map(|segment| std::array::from_fn(|gyro| of_gyro(gyro, segment))).collect()
+    let heads = measured.gyros().heads();
+    let rms = |gyro: usize, segment: &MotionSegment| if gyro < heads { of_gyro(gyro, segment) } else { f64::NAN };
+    segments.iter().map(|segment| std::array::from_fn(|gyro| rms(gyro, segment))).collect()
 }
 
 /// `None` at rest, else the axis and whether the rate is positive.
@@ -113,12 +115,12 @@ fn motion(rate: &[f64; 3]) -> Motion {
 
 /// Mean rates about the control axes over each block, arcsec/s.
 fn rates(measured: &MeasuredData) -> Vec<[f64; 3]> {
-    let mut near = 0;
-    let mut at = |block: usize| measured.reference.at(block as f64 * BLOCK_S, &mut near).0;
+    let (block_s, mut near) = (measured.block_s(), 0);
+    let mut at = |block: usize| measured.reference.at(block as f64 * block_s, &mut near).0;
     let mut before = at(0);
     let mut of_block = |block: usize| {
         let angle = at(block + 1);
-        let turned = std::array::from_fn(|axis| (angle[axis] - before[axis]) / BLOCK_S);
+        let turned = std::array::from_fn(|axis| (angle[axis] - before[axis]) / block_s);
         before = angle;
         turned
     };

@@ -10,7 +10,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use crate::diagnosis_case::DiagnosisCase;
 use crate::linear_algebra::{dot, factored, inverse_roots, lower};
-use crate::measured::{BLOCK, BLOCK_S, Block, CHANNELS, MeasuredData, Series, TIMING};
+use crate::measured::{BLOCK, Block, CHANNELS, MeasuredData, Series};
 use crate::normal_equations::{Nuisance, RIDGE, THIRDS};
 use crate::rounding::{BlockRounding, Rounding};
 use crate::significance::MEDIAN_OF_NORMAL;
@@ -26,6 +26,8 @@ const CONVERGED: f64 = 0.02;
 const WINDOW: usize = 120;
 /// Minimum white noise in addition to rounding, counts²: a tenth of ten independent roundings, since the model's rate is not exact.
 const MIN_WHITE: f64 = 0.1 / 12.0 / BLOCK as f64;
+/// Minimum white noise of angles that are not rounded, arcsec².
+const MIN_EXACT: f64 = 1e-8;
 /// Minimum white noise of the times, 1 µs in units of the channel.
 const MIN_TIMING: f64 = 0.01;
 /// Search range of the logarithm of a third's own walk.
@@ -97,6 +99,7 @@ pub fn configured(
     rounding: &Rounding,
     residual: &Series,
 ) -> [NoiseModel; CHANNELS] {
+    let block_s = measured.block_s();
     std::array::from_fn(|channel| {
         let effects = configuration.gyros.get(channel).map(|gyro| &gyro.effects.constant);
         let [angle_walk, rate_walk, scale_walk, flicker] =
@@ -105,16 +108,17 @@ pub fn configured(
             second_differences(&residual[channel], &measured.blocks[channel], &rounding[channel], scale_walk);
         // The second difference of a walk contains two of its steps, each averaged over a ramp: 2/3 of a whole step, and −1/6 with its
         // neighbour; 1 in all.
-        let white = (variance - angle_walk.powi(2) * BLOCK_S) / 6.0;
+        let white = (variance - angle_walk.powi(2) * block_s) / 6.0;
         let is_dequantised = measured.weights.get(channel).is_some_and(Option::is_some);
-        let min = if is_dequantised { 0.0 } else { min_white(channel) };
+        let min = if is_dequantised { 0.0 } else { min_white(measured, channel) };
         NoiseModel { white: white.max(min), angle_walk, rate_walk, scale_walk, flicker }
     })
 }
 
 /// Minimum white noise of a channel.
-fn min_white(channel: usize) -> f64 {
-    if channel == TIMING { MIN_TIMING.powi(2) } else { MIN_WHITE }
+fn min_white(measured: &MeasuredData, channel: usize) -> f64 {
+    let count = measured.counts.rounded_to.get(channel);
+    count.map_or(MIN_TIMING.powi(2), |count| (MIN_WHITE * count * count).max(MIN_EXACT))
 }
 
 /// Variance of second differences without that of rounding and of a noisy scale factor, of blocks with a white noise of scale 1: from the
@@ -175,7 +179,7 @@ struct WhiteNuisances {
 
 impl WhiteNuisances {
     fn new(case: &DiagnosisCase, channel: usize, blocks: &[Block], nuisances: &[Nuisance], noise: &NoiseModel) -> Self {
-        let whitening = Whitening::new(noise, blocks, &case.rounding[channel]);
+        let whitening = Whitening::new(noise, blocks, &case.rounding[channel], case.measured.block_s());
         let own: Vec<&[f64]> = nuisances.iter().filter_map(|column| column[channel].as_deref()).collect();
         let columns = whitening.apply_all(&own);
         let mut gram = DMatrix::zeros(columns.len(), columns.len());
@@ -227,7 +231,7 @@ pub fn falls(
 ) -> Vec<f64> {
     let Some(start) = start(case, channel, noise, walk) else { return vec![0.0; residuals.len()] };
     let blocks = &case.measured.blocks[channel];
-    let min = min_white(channel);
+    let min = min_white(case.measured, channel);
     let own_residuals: Vec<&[f64]> = residuals.iter().map(|residual| &residual[channel][..]).collect();
     let at = |noise: &NoiseModel| -> Vec<f64> {
         let of_white = |factor: i32| {
@@ -274,7 +278,7 @@ pub fn fit_white(
     let mut log_white = noise.white.ln();
     for _ in 0..ITERATIONS {
         let before = log_white;
-        log_white = likeliest_white(channel, log_white, |log_white| deviance(&with(log_white)));
+        log_white = likeliest_white(case, channel, log_white, |log_white| deviance(&with(log_white)));
         if (log_white - before).abs() < WHITE_RANGE / 2.0 {
             break;
         }
@@ -283,8 +287,8 @@ pub fn fit_white(
 }
 
 /// Logarithm of the likeliest white noise of a channel within [`WHITE_RANGE`].
-fn likeliest_white(channel: usize, log_white: f64, deviance: impl Fn(f64) -> f64) -> f64 {
-    minimise(log_white - WHITE_RANGE, log_white + WHITE_RANGE, deviance).max(min_white(channel).ln())
+fn likeliest_white(case: &DiagnosisCase, channel: usize, log_white: f64, deviance: impl Fn(f64) -> f64) -> f64 {
+    minimise(log_white - WHITE_RANGE, log_white + WHITE_RANGE, deviance).max(min_white(case.measured, channel).ln())
 }
 
 /// Logarithm of the growth from which a walk is fitted; `None` for noise of the scale factor of a gyro that does not turn.
@@ -300,7 +304,7 @@ fn start(case: &DiagnosisCase, channel: usize, noise: &NoiseModel, walk: Walk) -
             // As large an angle as that of the angle random walk over the whole recording.
             let blocks = &case.rounding[channel];
             let of_unit: f64 = blocks.iter().map(|block| block.scale_walk).sum();
-            white * 1e-2 * (blocks.len() as f64 * BLOCK_S / of_unit).sqrt()
+            white * 1e-2 * (blocks.len() as f64 * case.measured.block_s() / of_unit).sqrt()
         }
     };
     growth.is_finite().then(|| growth.ln())
@@ -333,7 +337,7 @@ pub fn fit(
     for _ in 0..ITERATIONS {
         let before = log_walk;
         log_walk = minimise(log_walk - below, log_walk + above, |log_walk| deviance(&with(log_walk, log_white)));
-        log_white = likeliest_white(channel, log_white, |log_white| deviance(&with(log_walk, log_white)));
+        log_white = likeliest_white(case, channel, log_white, |log_white| deviance(&with(log_walk, log_white)));
         (below, above) = (0.5, 0.5);
         if (log_walk - before).abs() < CONVERGED {
             break;

@@ -9,13 +9,10 @@ use std::sync::{Arc, OnceLock};
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-use geu_model::package::Calibration;
-
 use crate::linear_algebra::{dot, factored, inverse_roots, lower};
 use crate::measured::{CHANNELS, Series};
 use crate::signature_bank::Column;
 use crate::whitening::Whitening;
-use geu_hypothesis::amplitude::calibration_parameters;
 
 pub use products::{Products, ProjectedSignature, SignatureFit, distinguishable};
 
@@ -23,10 +20,6 @@ pub use products::{Products, ProjectedSignature, SignatureFit, distinguishable};
 pub const THIRDS: usize = 3;
 /// Share added to the diagonal, so that directions without information remain solvable.
 pub(crate) const RIDGE: f64 = 1e-10;
-/// A priori sigmas of calibration parameters, in the order of [`Calibration::NUMBERS`]: the change of a scale factor at launch (Casteren
-/// table 1), and in proportion to it wider than an arcminute (§3.4) and a drift. They limit parameters that the motion does not
-/// determine and hardly affect the others.
-const LAUNCH_SIGMAS: [f64; Calibration::NUMBERS.len()] = [2000e-6, 600.0 / 7200.0, 300.0, 300.0, 300.0];
 /// Ridge of a fit to two thirds: information below this share of that of all thirds is ignored.
 const HELD_OUT_RIDGE: f64 = 1e-4;
 /// A third is not predictable if the others hold less than this share of the information on an amplitude.
@@ -50,6 +43,8 @@ pub struct NormalEquations {
     squares: f64,
     /// χ² of the departure of the calibration parameters from their a priori values.
     a_priori_chi2: f64,
+    /// Number of the calibration parameters.
+    parameters: usize,
     /// Factor of the whole, scaled to a diagonal of ones, and that scale.
     factor: Cholesky<f64, Dyn>,
     scale: DVector<f64>,
@@ -63,13 +58,13 @@ pub struct NormalEquations {
 pub type Transposed = (Vec<f64>, Vec<(usize, Vec<f64>)>);
 
 impl NormalEquations {
-    /// Whitens a residual and the nuisances. The calibration parameters, which are the first nuisances, have already moved by `moved`
-    /// from their a priori values, or not at all if it is empty.
+    /// Whitens a residual and the nuisances. The calibration parameters, which are the first nuisances, have moved from their a priori values
+    /// by the first number of `a_priori`; the second is their sigma.
     pub fn new(
         whitenings: Arc<[Whitening; CHANNELS]>,
         residual: &Series,
         nuisances: &[Nuisance],
-        moved: &[f64],
+        a_priori: &[(f64, f64)],
     ) -> NormalEquations {
         let blocks = residual[0].len();
         let bounds = std::array::from_fn(|third| blocks * third / THIRDS);
@@ -82,8 +77,8 @@ impl NormalEquations {
         let (mut whole, mut whole_right) = (gram.iter().sum::<DMatrix<f64>>(), right.iter().sum::<DVector<f64>>());
         let scale = inverse_roots(&whole.diagonal());
         let mut a_priori_chi2 = 0.0;
-        for (index, (_, number)) in calibration_parameters().into_iter().enumerate().take(count) {
-            let (moved, weight) = (moved.get(index).copied().unwrap_or(0.0), LAUNCH_SIGMAS[number].powi(-2));
+        for (index, (moved, sigma)) in a_priori.iter().enumerate().take(count) {
+            let weight = sigma.powi(-2);
             whole[(index, index)] += weight;
             whole_right[index] -= weight * moved;
             a_priori_chi2 += weight * moved * moved;
@@ -98,6 +93,7 @@ impl NormalEquations {
             right,
             squares,
             a_priori_chi2,
+            parameters: a_priori.len(),
             factor,
             scale,
             solved,
@@ -108,7 +104,7 @@ impl NormalEquations {
 
     /// Number of nuisances of the recording, which are the first: the calibration parameters and the lag.
     pub fn of_recording(&self) -> usize {
-        self.columns.len().min(calibration_parameters().len() + 1)
+        self.columns.len().min(self.parameters + 1)
     }
 
     /// 1 sigma of a nuisance if all others are known.
@@ -353,7 +349,7 @@ fn parts(
     for third in 0..THIRDS {
         let range = bounds[third]..bounds[third + 1];
         for channel in 0..CHANNELS {
-            let residual = &residual[channel][range.clone()];
+            let Some(residual) = residual[channel].get(range.clone()) else { continue };
             for (i, one) in columns.iter().enumerate() {
                 let Some(one) = &one[channel] else { continue };
                 let one = &one[range.clone()];

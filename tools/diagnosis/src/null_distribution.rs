@@ -6,10 +6,9 @@
 
 use std::cmp::Reverse;
 
+use geu_model::device::Head;
 use geu_model::noise::{Flicker, NoiseStream};
-use geu_model::package::Axes;
-use geu_model::units::{PPM, S_PER_H, SAMPLE_INTERVAL_S};
-use geu_protocol::Gyro;
+use geu_model::units::{PPM, S_PER_H};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -179,7 +178,7 @@ fn of_base(
     let recordings = NullProducts::new(bank, base, channels);
     let push = |variation: &Variation, swept: &Swept<OfRuns>| {
         let family = &mut largest[base.family(variation).0];
-        for gyros in sets(&base.amplitude, swept.reached()) {
+        for gyros in sets(bank.gyros(), &base.amplitude, swept.reached()) {
             let Some(gain) = swept.gain(|channel| reaches(&base.amplitude, &gyros, channel)) else { continue };
             let mut sums: OfRuns = [0.0; RUNS];
             for own in (0..CHANNELS).filter(|&channel| reaches(&base.amplitude, &gyros, channel)) {
@@ -208,13 +207,16 @@ fn draw(case: &DiagnosisCase, model: &ModelRun, noise: &[NoiseModel; CHANNELS], 
             let mut stream = NoiseStream::of_sensor(seed, "null");
             return blocks.iter().map(|_| own.white.sqrt() * stream.standard_normal()).collect();
         }
-        let mut stream = NoiseStream::new(seed, Gyro::ALL[channel], "null");
-        let (root_s, mut rate) = (SAMPLE_INTERVAL_S.sqrt(), DRIFT_ARCSEC_S * stream.standard_normal());
+        let Some(Head { gyro, axes, .. }) = case.nominal.device.heads.get(channel) else { return Vec::new() };
+        let (count, interval_s) = (measured.counts.rounded_to[channel], measured.interval_s());
+        let mut stream = NoiseStream::new(seed, *gyro, "null");
+        let (root_s, mut rate) = (interval_s.sqrt(), DRIFT_ARCSEC_S * stream.standard_normal());
         let mut walk = 100.0 * stream.standard_normal();
         let mut flicker = (own.flicker > 0.0).then(|| Flicker::stationary(&mut stream));
         // The noise of the reference is common to the gyros of an axis.
         let additional = own.white.sqrt();
-        let axis = Axes::of(Gyro::ALL[channel]).input_control.iter().position(|share| *share != 0.0).unwrap_or(0);
+        let share = |axis: &usize| axes.input_control[*axis].abs();
+        let axis = (0..3).max_by(|one, other| share(one).total_cmp(&share(other))).unwrap_or(0);
         let mut of_reference = NoiseStream::of_sensor(seed, ["null X", "null Y", "null Z"][axis]);
         // So is that of its walk.
         let mut of_turns = NoiseStream::of_sensor(seed, "null turns");
@@ -227,9 +229,9 @@ fn draw(case: &DiagnosisCase, model: &ModelRun, noise: &[NoiseModel; CHANNELS], 
             }
             for node in nodes(block) {
                 rate += own.rate_walk * root_s * stream.standard_normal();
-                walk += rate * SAMPLE_INTERVAL_S + own.angle_walk * root_s * stream.standard_normal();
+                walk += rate * interval_s + own.angle_walk * root_s * stream.standard_normal();
                 if let Some(flicker) = &mut flicker {
-                    walk += own.flicker / S_PER_H * flicker.advance(SAMPLE_INTERVAL_S, &mut stream) * SAMPLE_INTERVAL_S;
+                    walk += own.flicker / S_PER_H * flicker.advance(interval_s, &mut stream) * interval_s;
                 }
                 let angle = model[channel][node];
                 if own.scale_walk > 0.0 {
@@ -238,7 +240,8 @@ fn draw(case: &DiagnosisCase, model: &ModelRun, noise: &[NoiseModel; CHANNELS], 
                 }
                 sum += match weights {
                     Some(weights) => weights[node] * walk,
-                    None => (angle + walk).round() - angle,
+                    None if count == 0.0 => walk,
+                    None => ((angle + walk) / count).round() * count - angle,
                 };
             }
             let scale = case.rounding[channel][block].white_scale.sqrt();

@@ -9,7 +9,7 @@ use std::collections::HashMap;
 
 use crate::course_list::CourseList;
 use crate::course_products::of_value;
-use crate::courses::{Mode, Variation};
+use crate::courses::Mode;
 use crate::measured::{CHANNELS, Series};
 use crate::normal_equations::NormalEquations;
 use crate::signature_bank::{Column, ConstantSignature, SignatureBank};
@@ -69,9 +69,10 @@ impl<'a> NullProducts<'a> {
         channels: &'a [NullChannel; CHANNELS],
     ) -> NullProducts<'a> {
         let list = CourseList::new(bank, base);
-        let mut tails: Vec<(u64, usize)> = list.courses.iter().filter_map(Variation::tail).collect();
+        let mut tails: Vec<(u64, usize)> =
+            list.courses.iter().filter_map(|course| course.tail(bank.block_s())).collect();
         tails.sort_by_key(|(decay, from)| (*decay, Reverse(*from)));
-        let is_other = |place: &usize| list.is_kept(*place) && list.courses[*place].tail().is_none();
+        let is_other = |place: &usize| list.is_kept(*place) && list.courses[*place].tail(bank.block_s()).is_none();
         let others: Vec<usize> = (0..list.courses.len()).filter(is_other).collect();
         let (kept_tails, kept_others) = Default::default();
         let mut products = NullProducts { bank, base, list, channels, tails: kept_tails, others: kept_others };
@@ -98,8 +99,8 @@ impl<'a> NullProducts<'a> {
             return *sums;
         }
         let variation = &self.list.courses[place];
-        let (from, values) = (variation.first_block(), self.bank.values(self.base, variation));
-        if let (Some(key), Some(values)) = (variation.tail(), &values) {
+        let (from, values) = (variation.first_block(self.bank.block_s()), self.bank.values(self.base, variation));
+        if let (Some(key), Some(values)) = (variation.tail(self.bank.block_s()), &values) {
             let (first, last) = values.split_at(values.len().min(key.1 - from));
             let size = last.first().map_or(0.0, |size| *size as f32);
             let mut sums = self.tails[channel][&key];
@@ -114,7 +115,7 @@ impl<'a> NullProducts<'a> {
     fn sums(&self, channel: usize, places: &[usize]) -> Vec<OfRuns> {
         let course = |place: &usize| {
             let course = &self.list.courses[*place];
-            (course.first_block(), self.bank.values(self.base, course))
+            (course.first_block(self.bank.block_s()), self.bank.values(self.base, course))
         };
         let courses: Vec<_> = places.iter().map(course).collect();
         let derivatives = &self.channels[channel].derivatives;
@@ -184,12 +185,13 @@ mod tests {
     use geu_recording::ReferenceAttitude;
 
     use crate::diagnosis_case::DiagnosisCase;
-    use crate::measured::{BLOCK_S, MeasuredData, Shifts};
+    use crate::measured::{MeasuredData, Shifts};
     use crate::noise;
+    use crate::signature_bank::Variation;
     use crate::spots::Spot;
     use crate::sweep::{Swept, sweep};
     use geu_hypothesis::amplitude::STEP;
-    use geu_hypothesis::gyros::ALL_GYROS;
+    use geu_protocol::Gyros;
 
     /// Half an hour of turns about all axes, with a lost sample.
     fn measured(nominal: &Configuration) -> MeasuredData {
@@ -202,8 +204,8 @@ mod tests {
         let rows: Vec<AttitudeRow> = (0..=3600).map(row).collect();
         let truth = Arc::new(RecordedAttitude::new(&rows).expect("a truth"));
         let mut counts = AccumulatedCounts::starting_at(0);
-        (1..=3600).for_each(|node| counts.push(node as f64 * SAMPLE_INTERVAL_S, [0.0; 4], 20.0 + node as f64 * 1e-3));
-        counts.breaks = vec![Discontinuity { from: 1800, to: 1801, gyros: [true; 4], kind: BreakKind::Gap(1) }];
+        (1..=3600).for_each(|node| counts.push(node as f64 * SAMPLE_INTERVAL_S, &[0.0; 4], 20.0 + node as f64 * 1e-3));
+        counts.breaks = vec![Discontinuity { from: 1800, to: 1801, gyros: Gyros::ALL, kind: BreakKind::Gap(1) }];
         let reference = ReferenceAttitude { start_ns: 0, truth, sigma_arcsec: Vec::new(), time_system: None };
         MeasuredData::new(counts, &reference, nominal).expect("long enough")
     }
@@ -288,13 +290,13 @@ mod tests {
         let bank = SignatureBank::new(&measured, &nominal);
         let spacing_s = bank.step_spacing_s(Mode::Level).expect("an exact reference");
         let step = |onset: usize| Variation::Course { kind: STEP, shapes: vec![onset as f64 * spacing_s] };
-        let count = (bank.block_count() as f64 * BLOCK_S / spacing_s) as usize;
+        let count = (bank.block_count() as f64 * bank.block_s() / spacing_s) as usize;
         let mut compared = 0;
         for index in (0..bank.bases.len()).filter(|&index| bank.bases[index].mode == Mode::Level) {
             if bank.bases[index].amplitude.with(STEP).is_none() {
                 continue;
             }
-            let fit = |onset: usize| Spot::fit(&bank, &normal, index, step(onset), ALL_GYROS);
+            let fit = |onset: usize| Spot::fit(&bank, &normal, index, step(onset), Gyros::ALL);
             let Some(largest) =
                 (1..count).filter_map(fit).max_by(|one, other| one.gain.chi2.total_cmp(&other.gain.chi2))
             else {

@@ -4,7 +4,7 @@ use std::fmt;
 
 use geu_model::Configuration;
 use geu_model::package::Calibration;
-use geu_protocol::Gyro;
+use geu_protocol::{Gyro, Gyros};
 use serde::{Deserialize, Serialize};
 
 use crate::alternatives::AMBIGUITY_CHI2;
@@ -15,10 +15,9 @@ use crate::next_manoeuvre::{DiscriminatingTest, NextManoeuvre};
 use crate::normal_equations::THIRDS;
 use crate::null_distribution::Thresholds;
 use crate::residual_map::ResidualMap;
-use crate::residual_stats::ResidualStats;
+use crate::residual_stats::{ResidualStats, WINDOW};
 use geu_checks::Finding;
 use geu_hypothesis::Hypothesis;
-use geu_hypothesis::gyros::{Gyros, names};
 use geu_model::parameter_spec::ParameterSet;
 
 /// Verdict of a diagnosis.
@@ -226,7 +225,7 @@ impl DiagnosedEffect {
 
 impl fmt::Display for DiagnosedEffect {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        write!(f, "{} {}", names(&self.gyros).join("+"), self.code)?;
+        write!(f, "{} {}", self.gyros.names().join("+"), self.code)?;
         if let Some(formula) = &self.formula {
             write!(f, " {formula}")?;
         }
@@ -368,6 +367,24 @@ pub struct Diagnosis {
 }
 
 impl Diagnosis {
+    /// Gyros of the unit.
+    pub fn gyros(&self) -> Vec<Gyro> {
+        self.configuration.device.gyros().collect()
+    }
+
+    /// Interval of the nodes, s.
+    pub fn interval_s(&self) -> f64 {
+        self.configuration.device.interval_s
+    }
+
+    /// Length of a window of the gap in words.
+    pub fn window(&self) -> String {
+        match WINDOW as f64 * self.interval_s() {
+            window_s if window_s % 60.0 == 0.0 => format!("{} min", window_s / 60.0),
+            window_s => format!("{window_s:.0} s"),
+        }
+    }
+
     /// The next manoeuvre, with the effect and the alternative that it separates: the first that is sure, else the first.
     pub fn next_manoeuvre(&self) -> Option<(&DiagnosedEffect, &ReportedAlternative, &NextManoeuvre)> {
         let pairs = || self.entries.iter().flat_map(|entry| entry.alternatives.iter().map(move |other| (entry, other)));

@@ -7,7 +7,6 @@ use serde_json::{Value, json};
 
 use crate::outcome::Diagnosis;
 
-pub use geu_hypothesis::gyros::names;
 pub use text::{
     WIDTH, alternative_name, effect_name, facts, heading, labelled, on, quantity, verdict, with_sigma, wrapped,
 };

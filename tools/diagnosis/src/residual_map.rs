@@ -6,7 +6,7 @@
 use std::f64::consts::TAU;
 
 use geu_model::temperature::SENSOR_NOMINAL_C;
-use geu_model::units::{ORBIT_S, RAD_PER_DEG, S_PER_DAY, SAMPLE_INTERVAL_S};
+use geu_model::units::{ORBIT_S, RAD_PER_DEG, S_PER_DAY};
 use rayon::prelude::*;
 
 use crate::diagnosis_case::DiagnosisCase;
@@ -103,31 +103,43 @@ pub fn residual_maps<const MODELS: usize>(
     // Without the lag, the last nuisance parameter: it is common to all gyros and would spread the residual of one to the others.
     let nuisances = &case.nuisances[..case.nuisances.len().saturating_sub(1)];
     models.map(|model| {
-        let normal = NormalEquations::new(case.whitenings(noise), &case.measured.residual(model), nuisances, &[]);
+        let normal = NormalEquations::new(
+            case.whitenings(noise),
+            &case.measured.residual(model),
+            nuisances,
+            &case.a_priori(&[]),
+        );
         let left = normal.projected_residual();
         let on_gyro = |gyro: usize| -> Vec<(Option<f64>, Vec<Option<f64>>)> {
             let significance = |column: &Column| {
                 let white = normal.white(gyro, column);
                 let gain = normal.gain(&normal.products(gyro, &white));
-                (gain.map(|gain| gain.size / gain.sigma), in_segments(&left[gyro], &white.values, segments))
+                (
+                    gain.map(|gain| gain.size / gain.sigma),
+                    in_segments(&left[gyro], &white.values, segments, case.measured.block_s()),
+                )
             };
             variables.iter().map(significance).collect()
         };
-        let gyros: Vec<_> = (0..TIMING).into_par_iter().map(on_gyro).collect();
+        let gyros: Vec<_> = (0..case.measured.gyros().heads()).into_par_iter().map(on_gyro).collect();
         let in_segment = |gyro: usize, segment: usize| std::array::from_fn(|index| gyros[gyro][index].1[segment]);
+        let has = |gyro: usize| gyro < gyros.len();
         ResidualMap {
-            whole: std::array::from_fn(|gyro| std::array::from_fn(|index| gyros[gyro][index].0)),
-            segments: std::array::from_fn(|gyro| (0..segments.len()).map(|own| in_segment(gyro, own)).collect()),
+            whole: std::array::from_fn(|gyro| std::array::from_fn(|index| gyros.get(gyro)?[index].0)),
+            segments: std::array::from_fn(|gyro| {
+                let own = (0..segments.len()).filter(|_| has(gyro));
+                own.map(|segment| in_segment(gyro, segment)).collect()
+            }),
         }
     })
 }
 
 /// Significance of a whitened variable in a whitened residual, in each segment.
-fn in_segments(left: &[f64], white: &[f64], segments: &[MotionSegment]) -> Vec<Option<f64>> {
+fn in_segments(left: &[f64], white: &[f64], segments: &[MotionSegment], block_s: f64) -> Vec<Option<f64>> {
     let squares = |values: &[f64]| values.iter().map(|value| value * value).sum::<f64>();
     let (whole, blocks) = (squares(white), white.len().max(1) as f64);
     let significance = |segment: &MotionSegment| {
-        let (left, white) = (left.get(segment.blocks())?, white.get(segment.blocks())?);
+        let (left, white) = (left.get(segment.blocks(block_s))?, white.get(segment.blocks(block_s))?);
         let own = squares(white);
         let is_determined = own > 0.0 && own >= MIN_SHARE * whole * white.len() as f64 / blocks;
         is_determined.then(|| left.iter().zip(white).map(|(left, white)| left * white).sum::<f64>() / own.sqrt())
@@ -139,24 +151,25 @@ fn in_segments(left: &[f64], white: &[f64], segments: &[MotionSegment]) -> Vec<O
 fn variables(measured: &MeasuredData) -> [Column; COUNT] {
     let mut columns: [Column; COUNT] =
         std::array::from_fn(|_| Column { from: 0, values: Vec::with_capacity(measured.block_count()) });
+    let interval_s = measured.interval_s();
     let (mut near, mut sums, mut averages) = (0, [0.0; COUNT], [0.0; COUNT]);
     let (mut angle, mut motion) = measured.reference.at(0.0, &mut near);
     for node in 1..=measured.block_count() * BLOCK {
         let (angle_before, before) = (angle, motion);
-        (angle, motion) = measured.reference.at(node as f64 * SAMPLE_INTERVAL_S, &mut near);
+        (angle, motion) = measured.reference.at(node as f64 * interval_s, &mut near);
         let [rate_before, rate_after] = [before, motion].map(|motion| motion.rate_control_arcsec_s);
         let last = |celsius: &[f64]| celsius.get(node).or(celsius.last()).copied();
         let now = Inputs {
-            rate: std::array::from_fn(|axis| (angle[axis] - angle_before[axis]) / SAMPLE_INTERVAL_S),
-            acceleration: std::array::from_fn(|axis| (rate_after[axis] - rate_before[axis]) / SAMPLE_INTERVAL_S),
+            rate: std::array::from_fn(|axis| (angle[axis] - angle_before[axis]) / interval_s),
+            acceleration: std::array::from_fn(|axis| (rate_after[axis] - rate_before[axis]) / interval_s),
             electronics_c: last(&measured.counts.electronics_c).unwrap_or(0.0),
             // Zero if unavailable; the calibration parameters project out a constant.
             sensor_k: last(&measured.counts.sensor_c).map_or(0.0, |sensor_c| sensor_c - SENSOR_NOMINAL_C),
             theta_deg: 0.5 * (before.theta_rad + motion.theta_rad) / RAD_PER_DEG,
-            time_s: (node as f64 - 0.5) * SAMPLE_INTERVAL_S,
+            time_s: (node as f64 - 0.5) * interval_s,
         };
         for ((sum, average), (_, value)) in sums.iter_mut().zip(&mut averages).zip(TABLE) {
-            *sum += value(&now) * SAMPLE_INTERVAL_S;
+            *sum += value(&now) * interval_s;
             *average += *sum / BLOCK as f64;
         }
         if node % BLOCK == 0 {

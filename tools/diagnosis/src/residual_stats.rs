@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use crate::measured::{BLOCK, Block, MeasuredData, ModelRun, Series, TIMING};
 
-/// Samples of a window, 30 min.
+/// Nodes of a window, of the default unit 30 min.
 pub const WINDOW: usize = 3600;
 
 /// Statistics of a residual.
@@ -99,7 +99,9 @@ pub fn residual<'a>(measured: &'a MeasuredData, model: &'a ModelRun) -> impl Fn(
 /// The residual of each gyro at each node, relative to its window's first value.
 pub fn windowed(measured: &MeasuredData, residual: impl Fn(usize, usize) -> f64) -> [Vec<f64>; TIMING] {
     let is_start = |node: usize| (node - 1).is_multiple_of(WINDOW);
-    std::array::from_fn(|gyro| relative(measured, gyro, 0..measured.samples + 1, |node| residual(gyro, node), is_start))
+    let heads = measured.gyros().heads();
+    let nodes = |gyro: usize| 0..if gyro < heads { measured.samples + 1 } else { 0 };
+    std::array::from_fn(|gyro| relative(measured, gyro, nodes(gyro), |node| residual(gyro, node), is_start))
 }
 
 /// The residual of a gyro at each of these nodes, relative to the last start: the first node, the first after a break, and each that
@@ -167,7 +169,8 @@ mod tests {
     fn statistics_equal_values_computed_by_hand() {
         let mut gyro = vec![f64::NAN; WINDOW + 1];
         (gyro[1], gyro[2], gyro[WINDOW]) = (0.0, 3.0, -4.0);
-        let gap = ResidualStats::from_windowed(&[gyro, vec![], vec![], vec![]]);
+        let gap =
+            ResidualStats::from_windowed(&std::array::from_fn(|own| if own == 0 { gyro.clone() } else { Vec::new() }));
         assert_eq!((gap.max_arcsec, gap.after_30min_arcsec), (4.0, 4.0));
         assert!((gap.rms_arcsec - (25.0f64 / 3.0).sqrt()).abs() < 1e-12);
     }

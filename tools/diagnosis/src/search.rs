@@ -6,7 +6,7 @@ use geu_model::parameter_spec::Role;
 use rayon::prelude::*;
 
 use crate::courses::{Mode, is_onset};
-use crate::measured::{CHANNELS, TIMING};
+use crate::measured::CHANNELS;
 use crate::model_state::ModelState;
 use crate::normal_equations::{NormalEquations, SignatureFit, THIRDS};
 use crate::null_distribution::Thresholds;
@@ -15,7 +15,7 @@ use crate::significance::{THREE_SIGMA_CHI2, TWO_SIGMA_CHI2};
 use crate::spots::{Spot, spots};
 use geu_hypothesis::Hypothesis;
 use geu_hypothesis::amplitude::AmplitudeRef;
-use geu_hypothesis::gyros::{ALL_GYROS, Gyros};
+use geu_protocol::Gyros;
 
 /// Candidates with optimised shape parameters.
 const OPTIMISED: usize = 16;
@@ -64,13 +64,21 @@ pub fn passes_cross_validation(held_out: &[Option<f64>; THIRDS]) -> bool {
     sum > if all { 0.0 } else { -THREE_SIGMA_CHI2 }
 }
 
-/// Sets of gyros on which one value of an amplitude may act, among the channels that it reaches.
-pub fn sets(amplitude: &AmplitudeRef, reached: [bool; CHANNELS]) -> Vec<Gyros> {
+/// Largest number of gyros of which every set is searched.
+const MAX_SUBSETS: usize = 4;
+
+/// Sets of these gyros of a unit on which one value of an amplitude may act, among the channels that it reaches.
+pub fn sets(gyros: Gyros, amplitude: &AmplitudeRef, reached: [bool; CHANNELS]) -> Vec<Gyros> {
     if amplitude.is_of_unit() {
-        return vec![ALL_GYROS];
+        return vec![gyros];
     }
-    let all = (1u8..16).map(|mask| std::array::from_fn(|gyro| mask & (1 << gyro) != 0));
-    all.filter(|set: &Gyros| (0..TIMING).all(|gyro| reached[gyro] || !set[gyro])).collect()
+    let reached = gyros.filter(|gyro| reached[gyro]);
+    let all = (1..=gyros.mask()).map(|mask| gyros.with_mask(mask)).filter(|set| set.is_within(&reached));
+    // Of many gyros one, all but one, or all: a cause acts on one gyro or on the unit.
+    let is_likely = |set: &Gyros| {
+        gyros.heads() <= MAX_SUBSETS || set.count() == 1 || set.count() + 1 >= gyros.heads() || *set == reached
+    };
+    all.filter(is_likely).collect()
 }
 
 /// Penalty of the shapes of a time course: that of a shape parameter for each.
@@ -78,39 +86,38 @@ pub fn shape_penalty(hypothesis: &Hypothesis) -> f64 {
     TWO_SIGMA_CHI2 * hypothesis.course_shapes.len() as f64
 }
 
-/// Penalty of a set of two or three gyros beside one gyro or all of them: there are ten, together a tenth as likely, since a cause acts on
+/// Penalty of a set of several gyros beside one gyro or all of them, at the default unit: there are ten, together a tenth as likely, since a cause acts on
 /// one gyro or on all.
 pub fn set_penalty(gyros: &Gyros, amplitude: &AmplitudeRef) -> f64 {
-    if !amplitude.is_of_unit() && is_two_or_three(gyros) { 2.0 * 100f64.ln() } else { 0.0 }
+    if !amplitude.is_of_unit() && is_several(gyros) { 2.0 * 100f64.ln() } else { 0.0 }
 }
 
-/// True for two or three gyros, neither one nor all.
-pub fn is_two_or_three(gyros: &Gyros) -> bool {
-    (2..TIMING).contains(&gyros.iter().filter(|has| **has).count())
-}
-
-fn mask(gyros: &Gyros) -> usize {
-    gyros.iter().rev().fold(0, |mask, has| 2 * mask + usize::from(*has))
+/// True for several gyros, neither one nor all.
+pub fn is_several(gyros: &Gyros) -> bool {
+    (2..gyros.heads()).contains(&gyros.count())
 }
 
 /// The disjoint sets of gyros with the highest sum of positive scores. Gyros have independent noise, so that the χ² reductions of
 /// hypotheses on different gyros add up.
 pub fn separate_sets(scored: impl Iterator<Item = (Gyros, f64)>) -> Vec<Gyros> {
-    let mut of_set = [0.0; 16];
-    scored.for_each(|(gyros, score)| of_set[mask(&gyros)] = score.max(of_set[mask(&gyros)]));
+    let mut scored = scored.peekable();
+    let Some(unit) = scored.peek().map(|(gyros, _)| gyros.unit()) else { return Vec::new() };
+    let count = 1 << unit.heads();
+    let mut of_set = vec![0.0; count];
+    scored.for_each(|(gyros, score)| of_set[gyros.mask()] = score.max(of_set[gyros.mask()]));
     // For each set its best sum, and the disjoint set that contains its first gyro.
-    let mut best = [(0.0, 0); 16];
-    for all in 1usize..16 {
+    let mut best = vec![(0.0, 0); count];
+    for all in 1..count {
         let first = all & all.wrapping_neg();
         let sets = (1..=all).filter(|set| set & all == *set && set & first != 0);
         let sums = sets.map(|set| (of_set[set] + best[all ^ set].0, set));
         best[all] = sums.fold((f64::NEG_INFINITY, 0), |best, own| if own.0 > best.0 { own } else { best });
     }
     let mut sets = Vec::new();
-    let mut rest = 15;
+    let mut rest = count - 1;
     while rest != 0 {
         let set = best[rest].1;
-        sets.extend((of_set[set] > 0.0).then(|| std::array::from_fn(|gyro| set & (1 << gyro) != 0)));
+        sets.extend((of_set[set] > 0.0).then(|| unit.with_mask(set)));
         rest ^= set;
     }
     sets
@@ -126,14 +133,21 @@ pub fn best_spots(
     thresholds: Option<&Thresholds>,
     gyros: &Gyros,
 ) -> Vec<Spot> {
-    let has_all = *gyros == ALL_GYROS;
+    let has_all = gyros.is_all();
     let of_base = |index: usize| {
         let amplitude = &bank.bases[index].amplitude;
         if !has_all && (amplitude.is_of_unit() || amplitude.own_shapes().iter().any(is_onset)) {
             return Vec::new();
         }
-        let has = std::array::from_fn(|channel| gyros.get(channel).copied().unwrap_or(has_all));
-        spots(bank, normal, index, has, |reached| sets(amplitude, reached), |spot| is_possible(bank, state, spot))
+        let has = std::array::from_fn(|channel| if channel < gyros.heads() { gyros[channel] } else { has_all });
+        spots(
+            bank,
+            normal,
+            index,
+            has,
+            |reached| sets(bank.gyros(), amplitude, reached),
+            |spot| is_possible(bank, state, spot),
+        )
     };
     let found: Vec<Vec<Spot>> = (0..bank.bases.len()).into_par_iter().map(of_base).collect();
     let score = |spot: &Spot| score(bank, thresholds, spot);
@@ -171,7 +185,7 @@ pub fn search(
     thresholds: Option<&Thresholds>,
 ) -> Vec<Candidate> {
     let score = |spot: &Spot| score(bank, thresholds, spot);
-    let best = best_spots(bank, normal, state, thresholds, &ALL_GYROS);
+    let best = best_spots(bank, normal, state, thresholds, &bank.gyros());
     let separate = separate_sets(best.iter().map(|spot| (spot.gyros, score(spot))));
     let is_finer = bank.step_spacing_s(Mode::Rate).is_some();
     let mut seen: HashMap<(Gyros, Option<usize>), usize> = HashMap::new();

@@ -4,7 +4,6 @@ use geu_model::parameter_spec::{ParameterSpec, Role};
 use geu_model::time_profile::COURSES;
 
 use crate::courses::shortest_s;
-use crate::measured::BLOCK_S;
 use crate::signature_bank::Variation;
 
 /// Number of halvings of the steps.
@@ -20,26 +19,26 @@ const TIME_CONSTANT_SHARE: f64 = 0.3;
 /// First step of a phase.
 const PHASE_RAD: f64 = 0.3;
 
-/// Local maximum of `of` near a variation, and its value. A variation without shape parameters stays; of an immediate effect the blocks
+/// Local maximum of `of` near a variation in a recording of this duration and blocks of that length, and its value. A variation without shape parameters stays; of an immediate effect the blocks
 /// beside its own are tried, which the grid leaves out. Courses that begin or end at each of `onsets_s` are further starts. The maximum may
 /// be narrower than the grid.
 pub fn maximise(
     start: Variation,
-    duration_s: f64,
+    [duration_s, block_s]: [f64; 2],
     is_narrow: bool,
     onsets_s: &[f64],
     of: &dyn Fn(&Variation) -> f64,
 ) -> (Variation, f64) {
     let value = of(&start);
     if let Variation::Onset { block } = start {
-        let near = [block.checked_sub(1), Some(block + 1).filter(|block| *block as f64 * BLOCK_S < duration_s)];
+        let near = [block.checked_sub(1), Some(block + 1).filter(|block| *block as f64 * block_s < duration_s)];
         let near = near.into_iter().flatten().map(|block| Variation::Onset { block });
         let tried = near.map(|variation| (of(&variation), variation));
         let (value, best) = tried.fold((value, start), |best, own| if own.0 > best.0 { own } else { best });
         return (best, value);
     }
     let Variation::Course { kind, shapes } = start else { return (start, value) };
-    let course = Course { kind, duration_s, is_narrow, of };
+    let course = Course { kind, duration_s, block_s, is_narrow, of };
     let from_onsets: Vec<Valued> =
         onsets_s.iter().filter_map(|own| course.at_likeliest_length(&shapes, *own)).collect();
     let starts = std::iter::once((value, shapes)).chain(from_onsets);
@@ -52,6 +51,7 @@ pub fn maximise(
 struct Course<'a> {
     kind: usize,
     duration_s: f64,
+    block_s: f64,
     is_narrow: bool,
     of: &'a dyn Fn(&Variation) -> f64,
 }
@@ -113,7 +113,7 @@ impl Course<'_> {
                 Role::Phase => f64::INFINITY,
                 _ => 2.01 * self.duration_s,
             };
-            let min = shortest_s(number.role).unwrap_or(number.min);
+            let min = shortest_s(number.role, self.block_s).unwrap_or(number.min);
             (min..=number.max).contains(value) && *value < max
         })
     }
@@ -162,7 +162,7 @@ mod tests {
             _ => f64::NAN,
         };
         let (Variation::Course { shapes, .. }, value) =
-            maximise(Variation::Course { kind, shapes: vec![5400.0, 0.0] }, 10_800.0, false, &[], &of)
+            maximise(Variation::Course { kind, shapes: vec![5400.0, 0.0] }, [10_800.0, 5.0], false, &[], &of)
         else {
             panic!("a course stays one");
         };
@@ -184,8 +184,8 @@ mod tests {
             _ => f64::NAN,
         };
         let start = || Variation::Course { kind, shapes: vec![3600.0, 2700.0] };
-        assert_eq!(maximise(start(), duration_s, false, &[], &of).1, 0.0);
-        assert!(maximise(start(), duration_s, true, &[4560.0], &of).1 > 0.9);
+        assert_eq!(maximise(start(), [duration_s, 5.0], false, &[], &of).1, 0.0);
+        assert!(maximise(start(), [duration_s, 5.0], true, &[4560.0], &of).1 > 0.9);
     }
 
     #[test]
@@ -203,8 +203,8 @@ mod tests {
             _ => f64::NAN,
         };
         let start = || Variation::Course { kind, shapes: vec![3450.0, 5400.0] };
-        assert!(maximise(start(), 10_800.0, false, &[], &of).1 < 1.1);
-        assert!(maximise(start(), 10_800.0, false, &[5190.0], &of).1 > 1.9);
+        assert!(maximise(start(), [10_800.0, 5.0], false, &[], &of).1 < 1.1);
+        assert!(maximise(start(), [10_800.0, 5.0], false, &[5190.0], &of).1 > 1.9);
     }
 
     #[test]
@@ -215,16 +215,19 @@ mod tests {
         };
         for (start, expected) in [(0, 1), (2, 1), (1, 1), (5, 4)] {
             assert_eq!(
-                maximise(Variation::Onset { block: start }, 100.0, true, &[], &of).0,
+                maximise(Variation::Onset { block: start }, [100.0, 5.0], true, &[], &of).0,
                 Variation::Onset { block: expected }
             );
         }
         // Neither before the start nor after the end.
         let later = |variation: &Variation| -of(variation);
         assert_eq!(
-            maximise(Variation::Onset { block: 19 }, 100.0, true, &[], &later).0,
+            maximise(Variation::Onset { block: 19 }, [100.0, 5.0], true, &[], &later).0,
             Variation::Onset { block: 19 }
         );
-        assert_eq!(maximise(Variation::Onset { block: 0 }, 100.0, true, &[], &later).0, Variation::Onset { block: 0 });
+        assert_eq!(
+            maximise(Variation::Onset { block: 0 }, [100.0, 5.0], true, &[], &later).0,
+            Variation::Onset { block: 0 }
+        );
     }
 }

@@ -5,7 +5,7 @@ use crate::measured::{CHANNELS, TIMING};
 use crate::normal_equations::{NormalEquations, Nuisance, Products, THIRDS};
 use crate::signature_bank::Column;
 use geu_hypothesis::amplitude::AmplitudeRef;
-use geu_hypothesis::gyros::Gyros;
+use geu_protocol::Gyros;
 
 /// True if an amplitude on these gyros acts on a channel.
 pub fn reaches(amplitude: &AmplitudeRef, gyros: &Gyros, channel: usize) -> bool {

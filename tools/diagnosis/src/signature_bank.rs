@@ -20,10 +20,10 @@ use rayon::prelude::*;
 use crate::course_products::ProductCache;
 pub use crate::courses::Variation;
 use crate::courses::{Courses, Mode, is_onset, is_switch, put};
-use crate::measured::{BLOCK_S, CHANNELS, MeasuredData, Shifts, TIMING};
+use crate::measured::{CHANNELS, MeasuredData, Shifts, TIMING};
 use geu_hypothesis::Hypothesis;
 use geu_hypothesis::amplitude::{AmplitudeRef, AmplitudeSource, is_real};
-use geu_hypothesis::gyros::ALL_GYROS;
+use geu_protocol::Gyros;
 
 use amplitude_runs::AmplitudeRuns;
 use grid::{NEAR_SIZES, own_shapes};
@@ -45,6 +45,8 @@ const SUDDEN_BLOCKS: usize = 2;
 pub struct ConstantSignature {
     /// The amplitude.
     pub amplitude: AmplitudeRef,
+    /// The gyros that can have it.
+    pub gyros: Gyros,
     /// Values of the effect's shape parameters.
     pub own_shapes: Vec<f64>,
     /// The value with which it was run, and that configured on each gyro.
@@ -136,6 +138,7 @@ pub struct Column {
 pub struct SignatureBank {
     /// Each amplitude, its shapes and, where it is not linear, sizes.
     pub bases: Vec<ConstantSignature>,
+    gyros: Gyros,
     courses: Courses,
     jump_blocks: usize,
     /// Rate up to which dead zones are left out, arcsec/s, if they have no time courses but switches; `None` if all are signatures.
@@ -149,15 +152,16 @@ impl SignatureBank {
         let jump_blocks = if measured.smoothed.is_some() { measured.block_count() } else { JUMP_BLOCKS };
         let mut bank = SignatureBank {
             bases: Vec::new(),
+            gyros: measured.gyros(),
             courses: Courses::on(measured, configuration).with_grid(),
             jump_blocks,
             unknown_rate_arcsec_per_s: None,
         };
-        bank.bases = AmplitudeRef::all()
+        bank.bases = AmplitudeRef::all(&configuration.device)
             .into_par_iter()
             .filter(is_real)
             .flat_map_iter(|amplitude| {
-                let shapes = own_shapes(&amplitude, configuration);
+                let shapes = own_shapes(&amplitude, configuration, measured.block_s());
                 shapes.into_iter().map(move |own_shapes| (amplitude, own_shapes))
             })
             .flat_map_iter(|(amplitude, own_shapes)| {
@@ -194,13 +198,14 @@ impl SignatureBank {
     /// Signatures of all formulas on every gyro.
     pub fn formulas(&self, measured: &MeasuredData, configuration: &Configuration) -> SignatureBank {
         let all = Formula::all();
-        let none: Arc<[f64]> = vec![0.0; measured.block_count()].into();
+        let none: Arc<[f64]> = Arc::default();
         let of_gyro = |gyro: usize, arcsec: &[f64]| -> Arc<[f64]> {
             let per_count = configuration.gyros[gyro].calibration.scale_factor;
             arcsec.iter().map(|arcsec| arcsec / per_count).collect()
         };
         let signature = |(formula, arcsec): (&Formula, [Arc<[f64]>; TIMING])| ConstantSignature {
             amplitude: AmplitudeRef::term(*formula),
+            gyros: measured.gyros(),
             own_shapes: Vec::new(),
             size: 1.0,
             configured: [0.0; TIMING],
@@ -209,7 +214,8 @@ impl SignatureBank {
             has_courses: false,
             valid: NEAR_SIZES,
             series: std::array::from_fn(|channel| {
-                arcsec.get(channel).map_or_else(|| none.clone(), |arcsec| of_gyro(channel, arcsec))
+                let own = arcsec.get(channel).filter(|own| !own.is_empty());
+                own.map_or_else(|| none.clone(), |arcsec| of_gyro(channel, arcsec))
             }),
             mode: Mode::Rate,
             jumps: false,
@@ -246,12 +252,12 @@ impl SignatureBank {
 
     /// Values of a time course from its first block on; `None` for a constant.
     pub fn values(&self, base: &ConstantSignature, variation: &Variation) -> Option<Cow<'_, [f64]>> {
-        self.courses.values(base.mode, variation, variation.first_block()..self.courses.blocks())
+        self.courses.values(base.mode, variation, variation.first_block(self.block_s())..self.courses.blocks())
     }
 
     /// Signature of a time course, per unit; `None` on channels that it does not reach. That of a jump ends when the filter forgets it.
     pub fn columns(&self, base: &ConstantSignature, variation: &Variation) -> [Option<Column>; CHANNELS] {
-        let from = variation.first_block();
+        let from = variation.first_block(self.block_s());
         let to = match variation {
             Variation::Onset { block } => self.courses.blocks().min(block + self.jump_blocks),
             _ => self.courses.blocks(),
@@ -267,9 +273,19 @@ impl SignatureBank {
     /// that its time is known within blocks, and a step of a rate beside large walks.
     pub fn step_spacing_s(&self, mode: Mode) -> Option<f64> {
         match mode {
-            Mode::Level => (self.jump_blocks < self.courses.blocks()).then_some(SUDDEN_BLOCKS as f64 * BLOCK_S),
+            Mode::Level => (self.jump_blocks < self.courses.blocks()).then_some(SUDDEN_BLOCKS as f64 * self.block_s()),
             Mode::Rate => self.courses.rate_step_spacing_s(),
         }
+    }
+
+    /// All gyros of the unit.
+    pub fn gyros(&self) -> Gyros {
+        self.gyros
+    }
+
+    /// Length of a block, s.
+    pub fn block_s(&self) -> f64 {
+        self.courses.block_s
     }
 
     /// Blocks of each signature.
@@ -278,14 +294,8 @@ impl SignatureBank {
     }
 
     /// The hypothesis with this value.
-    pub fn hypothesis(
-        &self,
-        base: &ConstantSignature,
-        variation: &Variation,
-        size: f64,
-        gyros: [bool; 4],
-    ) -> Hypothesis {
-        let gyros = if base.amplitude.is_of_unit() { ALL_GYROS } else { gyros };
+    pub fn hypothesis(&self, base: &ConstantSignature, variation: &Variation, size: f64, gyros: Gyros) -> Hypothesis {
+        let gyros = if base.amplitude.is_of_unit() { gyros.unit() } else { gyros };
         let mut hypothesis =
             Hypothesis { own_shapes: base.own_shapes.clone(), ..Hypothesis::constant(base.amplitude, size, gyros) };
         match variation {
@@ -297,7 +307,7 @@ impl SignatureBank {
             Variation::Onset { block } => {
                 for (number, value) in base.amplitude.own_shapes().iter().zip(&mut hypothesis.own_shapes) {
                     if is_onset(number) {
-                        *value = *block as f64 * BLOCK_S;
+                        *value = *block as f64 * self.block_s();
                     }
                 }
             }

@@ -4,7 +4,7 @@
 //! reference is taken from the counts. An effect that withholds such a motion explains any noise.
 
 use crate::courses::is_switch;
-use crate::measured::{BLOCK_S, MeasuredData, ModelRun, TIMING, nodes};
+use crate::measured::{MeasuredData, ModelRun, TIMING, nodes};
 use crate::signature_bank::{ConstantSignature, SignatureBank};
 use geu_hypothesis::Hypothesis;
 use geu_model::Configuration;
@@ -78,7 +78,7 @@ fn turned(counts: &[f64]) -> f64 {
 /// Rate up to which a dead zone is not searched, arcsec/s: that of small motions if these answer the counts or are taken from them. Such a zone
 /// withholds the noise of the gyros, and explains it.
 pub fn unknown_rate_arcsec_per_s(measured: &MeasuredData, nominal: &Configuration, answers_counts: bool) -> f64 {
-    let scale_factors = nominal.calibrations().map(|calibration| calibration.scale_factor);
-    let largest = scale_factors.into_iter().fold(0.0, f64::max);
-    if answers_counts || measured.smoothed.is_some() { SMALL_COUNTS / BLOCK_S * largest } else { 0.0 }
+    let scale_factors = nominal.gyros.iter().map(|gyro| gyro.calibration.scale_factor);
+    let largest = scale_factors.fold(0.0, f64::max);
+    if answers_counts || measured.smoothed.is_some() { SMALL_COUNTS / measured.block_s() * largest } else { 0.0 }
 }

@@ -4,6 +4,7 @@ use std::cell::LazyCell;
 
 use geu_calibration::window::ManoeuvreWindow;
 use geu_model::Configuration;
+use geu_model::device::Device;
 
 use crate::diagnosis_case::DiagnosisCase;
 use crate::linear_signatures::LinearSignatures;
@@ -27,7 +28,7 @@ const FORMULA_MARGIN: f64 = 5.0;
 const PAIR_ROUNDS: usize = 3;
 /// Version of the search beside the model's lists. It changes with grids, families and null recordings, so that stored thresholds never
 /// apply to another search.
-const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 35");
+const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 36");
 
 /// Options of a diagnosis.
 pub struct DiagnosisOptions<'a> {
@@ -106,7 +107,7 @@ impl<'a> Solution<'a> {
         let catalogue = evident(whole.clone()).without_zones_up_to(unknown_rate_arcsec_per_s);
         let formulas = LazyCell::new(|| evident(catalogue.formulas(measured, nominal)));
         let all = LazyCell::new(|| catalogue.and(&formulas));
-        let key = key(measured, &path, &noise, contains_noise, options.seed);
+        let key = key(&nominal.device, measured, &path, &noise, contains_noise, options.seed);
         let thresholds = (options.known)(key).unwrap_or_else(|| {
             progress("thresholds");
             let found = thresholds(&case, &all, &path, &case.fit(&mut start.clone()), &noise, options.seed);
@@ -116,8 +117,7 @@ impl<'a> Solution<'a> {
         progress("search");
         let of_catalogue = Searches { pair_rounds: PAIR_ROUNDS, ..Searches::new(&case, &catalogue, &thresholds) };
         let of_all = LazyCell::new(|| Searches::new(&case, &all, &thresholds));
-        let is_stated =
-            |own: &SelectedModel| is_noise(own, &thresholds) && !own.overfitted_gyros(nominal).contains(&true);
+        let is_stated = |own: &SelectedModel| is_noise(own, &thresholds) && own.overfitted_gyros(nominal).is_empty();
         let score = |own: &SelectedModel| own.score(&case, &thresholds);
         let pass = |per_gyro: usize| {
             let effects = select_model(&of_catalogue, &start, per_gyro);
@@ -157,7 +157,7 @@ impl<'a> Solution<'a> {
 
     /// True if the motion answers the rounding and the counts do not agree with the model as given.
     pub fn needs_angles(&self) -> bool {
-        let is_overfitted = self.selected.overfitted_gyros(self.case.nominal).contains(&true);
+        let is_overfitted = !self.selected.overfitted_gyros(self.case.nominal).is_empty();
         let is_consistent = self.selected.state.held.is_empty() && is_noise(&self.selected, &self.thresholds);
         self.is_closed_loop() && (is_overfitted || !is_consistent)
     }
@@ -178,6 +178,7 @@ fn is_noise(selected: &SelectedModel, thresholds: &Thresholds) -> bool {
 
 /// Key of thresholds: a hash of all that they depend on, i.e. search, motion, usable blocks and noise.
 fn key(
+    device: &Device,
     measured: &MeasuredData,
     path: &ModelRun,
     noise: &[NoiseModel; CHANNELS],
@@ -195,7 +196,7 @@ fn key(
     push(SEARCH.as_bytes());
     push(&[u8::from(contains_noise)]);
     push(&seed.to_le_bytes());
-    AmplitudeRef::all().iter().for_each(|amplitude| push(amplitude.code().as_bytes()));
+    AmplitudeRef::all(device).iter().for_each(|amplitude| push(amplitude.code().as_bytes()));
     measured.electronics_c().into_iter().for_each(|celsius| push(&tenths(celsius)));
     for weights in measured.weights.iter().flatten() {
         weights.iter().step_by(BLOCK).for_each(|weight| push(&tenths(*weight)));

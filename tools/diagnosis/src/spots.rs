@@ -7,7 +7,7 @@ use geu_model::time_profile::COURSES;
 
 use crate::course_products::of_value;
 use crate::courses::is_onset;
-use crate::measured::{BLOCK_S, CHANNELS, TIMING};
+use crate::measured::{CHANNELS, TIMING};
 use crate::model_state::ModelState;
 use crate::normal_equations::{NormalEquations, Nuisance, Products, SignatureFit};
 use crate::shape_search::maximise;
@@ -16,7 +16,7 @@ use crate::signature_bank::{Column, ConstantSignature, HypothesisFamily, Signatu
 use crate::sweep::{Swept, sweep};
 use geu_hypothesis::Hypothesis;
 use geu_hypothesis::amplitude::{AmplitudeRef, STEP};
-use geu_hypothesis::gyros::Gyros;
+use geu_protocol::Gyros;
 
 /// A signature with a time course on some gyros, and its fit.
 #[derive(Debug, Clone)]
@@ -142,7 +142,7 @@ impl Spot {
         onsets_s: &[f64],
         is_possible: impl Fn(&Spot) -> bool,
     ) -> Option<Spot> {
-        let duration_s = normal.residual[0].len() as f64 * BLOCK_S;
+        let duration_s = normal.residual[0].len() as f64 * bank.block_s();
         let at = |variation: &Variation| {
             Spot::fit(bank, normal, self.base, variation.clone(), self.gyros).filter(&is_possible)
         };
@@ -152,7 +152,8 @@ impl Spot {
         let settles = self.variation.shape(Role::TimeConstant).is_some();
         let onsets_s: Vec<f64> = likeliest_s.into_iter().chain(onsets_s.iter().copied().filter(|_| settles)).collect();
         let chi2 = |variation: &Variation| at(variation).map_or(0.0, |spot| spot.gain.chi2);
-        let (variation, _) = maximise(self.variation.clone(), duration_s, spacing_s.is_some(), &onsets_s, &chi2);
+        let (variation, _) =
+            maximise(self.variation.clone(), [duration_s, bank.block_s()], spacing_s.is_some(), &onsets_s, &chi2);
         at(&variation).filter(|spot| spot.hypothesis(bank).is_within_limits())
     }
 
@@ -166,7 +167,7 @@ impl Spot {
     ) -> Option<f64> {
         let base = self.base(bank);
         let at = |onset: usize| onset as f64 * spacing_s;
-        let count = (bank.block_count() as f64 * BLOCK_S / spacing_s) as usize;
+        let count = (bank.block_count() as f64 * bank.block_s() / spacing_s) as usize;
         let step = |onset: usize| Variation::Course { kind: STEP, shapes: vec![at(onset)] };
         let channels =
             (0..CHANNELS).filter(|&channel| base.reaches(channel) && reaches(&base.amplitude, &self.gyros, channel));
@@ -184,7 +185,7 @@ impl Spot {
                     let increment = |block: usize| of_value(&base.series[channel], base.mode, block);
                     let mut onset = count;
                     normal.whitening(channel).tails(forms, &increment, [1.0], &derivatives, |block, tail| {
-                        while onset > 1 && (at(onset - 1) / BLOCK_S) as usize == block {
+                        while onset > 1 && (at(onset - 1) / bank.block_s()) as usize == block {
                             onset -= 1;
                             let course = tail.course(0, block, &[1.0]);
                             let own = &mut products[onset];

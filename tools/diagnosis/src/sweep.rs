@@ -133,7 +133,10 @@ pub fn sweep<T: Linear>(
         let (parts, white) = match list.is_kept(place) {
             true => {
                 let values = bank.values(base, variation);
-                (kept.course(normal, place, variation.first_block(), values.as_deref()), Default::default())
+                (
+                    kept.course(normal, place, variation.first_block(bank.block_s()), values.as_deref()),
+                    Default::default(),
+                )
             }
             false => whitened(bank, normal, base, has, variation),
         };

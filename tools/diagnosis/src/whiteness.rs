@@ -8,6 +8,9 @@ use crate::measured::{CHANNELS, Series, TIMING};
 pub fn whiteness_statistic(left: &Series) -> (f64, [f64; CHANNELS]) {
     const SCALES: [usize; 4] = [6, 24, 96, 384];
     let of_channel = |channel: usize| {
+        if left[channel].is_empty() {
+            return f64::NEG_INFINITY;
+        }
         let of_scale = |scale: &usize| {
             // Blocks without data are exactly 0; a window with more than half of them is ignored.
             let of_window = |window: &[f64]| {

@@ -54,6 +54,8 @@ struct Step {
 pub struct Whitening {
     /// For each block.
     steps: Vec<Step>,
+    /// Shares of the slow processes of the flicker that are left after a block.
+    decays: [f64; SLOW],
     /// Gains of each block on the turns by the slow processes of the flicker over a block; empty without flicker.
     slow_gains: Vec<[f64; SLOW]>,
     /// Σ ln of the innovations' variances.
@@ -63,9 +65,9 @@ pub struct Whitening {
 }
 
 impl Whitening {
-    /// The filter of this noise over these blocks with this rounding.
-    pub fn new(noise: &NoiseModel, blocks: &[Block], rounding: &[BlockRounding]) -> Whitening {
-        let mut covariance = Covariance::new(noise, rounding.first().map_or(0.0, |first| first.variance));
+    /// The filter of this noise over these blocks of equal length with this rounding.
+    pub fn new(noise: &NoiseModel, blocks: &[Block], rounding: &[BlockRounding], block_s: f64) -> Whitening {
+        let mut covariance = Covariance::new(noise, rounding.first().map_or(0.0, |first| first.variance), block_s);
         let (mut anew, mut log_determinant) = (true, 0.0);
         let mut slow_gains = Vec::with_capacity(if covariance.has_flicker() { blocks.len() } else { 0 });
         let step = |(number, block): (usize, &Block)| {
@@ -99,7 +101,7 @@ impl Whitening {
             Step { remainder, gains: [turn, gains.error], persistence, weight }
         };
         let steps = blocks.iter().enumerate().map(step).collect();
-        Whitening { steps, slow_gains, log_determinant, forms: OnceLock::new() }
+        Whitening { steps, decays: slow_decays(block_s), slow_gains, log_determinant, forms: OnceLock::new() }
     }
 
     /// Innovations of a series, each over its deviation.
@@ -132,7 +134,7 @@ impl Whitening {
         let blocks = series.iter().map(|own| own.len()).min().unwrap_or(0);
         let (steps, series) = (filters.map(|own| &own.steps[from..from + blocks]), series.map(|own| &own[..blocks]));
         let slow_gains = filters.map(|own| own.slow_gains.get(from..).unwrap_or_default());
-        let decays = slow_decays();
+        let decays = filters.map(|own| own.decays);
         // What the innovation before leaves in this one, the turn by the rate, and the rounding error.
         let [mut left, mut turn, mut error, mut before, mut predicted] = [[0.0; COUNT]; 5];
         let mut slow_turns = [[0.0; SLOW]; COUNT];
@@ -147,7 +149,7 @@ impl Whitening {
                 turn[own] += step.gains[0] * innovation;
                 error[own] = step.persistence * error[own] + step.gains[1] * innovation;
                 if let Some(gains) = slow_gains[own].get(block) {
-                    for ((turn, decay), gain) in slow_turns[own].iter_mut().zip(decays).zip(gains) {
+                    for ((turn, decay), gain) in slow_turns[own].iter_mut().zip(decays[own]).zip(gains) {
                         predicted[own] += *turn;
                         *turn = decay * *turn + gain * innovation;
                     }
@@ -179,7 +181,7 @@ impl Whitening {
     ) {
         // What the innovation before leaves in this one, less what is predicted; the turn by the rate, and the rounding error.
         let [mut left, mut turn, mut error] = [[0.0; LANES]; 3];
-        let (mut slow_turns, decays) = ([[0.0; LANES]; FLICKER], slow_decays());
+        let (mut slow_turns, decays) = ([[0.0; LANES]; FLICKER], self.decays);
         for block in blocks {
             let (step, increments) = (&self.steps[block], increments(block));
             let mut white = [0.0; LANES];
@@ -203,7 +205,7 @@ impl Whitening {
     pub fn transposed(&self, white: &[f64]) -> Vec<f64> {
         let mut derivatives = vec![0.0; white.len()];
         let (mut innovation, mut turn, mut error) = (0.0, 0.0, 0.0);
-        let (mut slow_turns, decays) = ([0.0; SLOW], slow_decays());
+        let (mut slow_turns, decays) = ([0.0; SLOW], self.decays);
         for (block, (white, derivative)) in white.iter().zip(&mut derivatives).enumerate().rev() {
             let (step, later) = (&self.steps[block], innovation);
             innovation = step.weight * white + step.remainder * later + step.gains[0] * turn + step.gains[1] * error;
@@ -234,9 +236,11 @@ impl Whitening {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::measured::{BLOCK, BLOCK_S};
+    use crate::measured::BLOCK;
     use geu_model::noise::{Flicker, NoiseStream};
     use geu_model::units::S_PER_H;
+
+    const BLOCK_S: f64 = 5.0;
 
     /// Draws that need no generator: a quadratic residue sequence, of variance 1/12 about 0.
     fn draw(state: &mut u64) -> f64 {
@@ -251,7 +255,7 @@ mod tests {
         blocks[90] = Block { is_good: false, is_compared: false, restarts: true };
         let rounding =
             BlockRounding { variance: 0.05, correlation: 0.7, second_difference: 0.1, ..BlockRounding::NONE };
-        let whitening = Whitening::new(&noise, &blocks, &vec![rounding; blocks.len()]);
+        let whitening = Whitening::new(&noise, &blocks, &vec![rounding; blocks.len()], BLOCK_S);
         let mut state = 3;
         let [series, other]: [Vec<f64>; 2] = std::array::from_fn(|_| (0..300).map(|_| draw(&mut state)).collect());
         for from in [0, 40] {
@@ -272,7 +276,7 @@ mod tests {
             let blocks = vec![Block { is_good: true, is_compared: true, restarts: false }; 300];
             let rounding =
                 BlockRounding { variance: 0.05, correlation: 0.7, second_difference: 0.1, ..BlockRounding::NONE };
-            let whitening = Whitening::new(&noise, &blocks, &vec![rounding; blocks.len()]);
+            let whitening = Whitening::new(&noise, &blocks, &vec![rounding; blocks.len()], BLOCK_S);
             let mut state = 3;
             let series: [Vec<f64>; 3] = std::array::from_fn(|_| (0..300).map(|_| draw(&mut state)).collect());
             let expected = series.each_ref().map(|own| whitening.apply_from(40, &own[40..]));
@@ -294,7 +298,7 @@ mod tests {
         blocks[90] = Block { is_good: false, is_compared: false, restarts: true };
         let rounding =
             BlockRounding { variance: 0.05, correlation: 0.7, second_difference: 0.1, ..BlockRounding::NONE };
-        let whitening = Whitening::new(&noise, &blocks, &vec![rounding; blocks.len()]);
+        let whitening = Whitening::new(&noise, &blocks, &vec![rounding; blocks.len()], BLOCK_S);
         let mut state = 3;
         let [sizes, other]: [Vec<f64>; 2] = std::array::from_fn(|_| (0..200).map(|_| draw(&mut state)).collect());
         let derivatives = whitening.transposed(&other);
@@ -355,7 +359,7 @@ mod tests {
         };
         let series: Vec<f64> = blocks.iter().map(counts).collect();
         assert!(series.windows(2).filter(|pair| pair[0] != pair[1]).count() > 50);
-        let white = Whitening::new(&noise, &blocks, &vec![rest; blocks.len()]).apply(&series);
+        let white = Whitening::new(&noise, &blocks, &vec![rest; blocks.len()], BLOCK_S).apply(&series);
         let variance = white.iter().map(|value| value * value).sum::<f64>() / 19_999.0;
         // Less than 1: while a count stays, the walk and the rounding error are opposite.
         assert!((0.6..1.1).contains(&variance), "{variance}");
@@ -385,7 +389,8 @@ mod tests {
                     average + jump + noise.white.sqrt() * normal()
                 })
                 .collect();
-            let white = Whitening::new(&noise, &blocks, &vec![BlockRounding::NONE; blocks.len()]).apply(&series);
+            let white =
+                Whitening::new(&noise, &blocks, &vec![BlockRounding::NONE; blocks.len()], BLOCK_S).apply(&series);
             let variance = white.iter().map(|value| value * value).sum::<f64>() / 19_997.0;
             let neighbours = white.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>() / 19_997.0;
             // Four deviations: √(2/20 000) and √(1/20 000).

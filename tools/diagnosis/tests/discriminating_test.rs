@@ -10,17 +10,19 @@ use geu_diagnosis::{DiagnosisCase, SignatureBank};
 use geu_hypothesis::Hypothesis;
 use geu_hypothesis::amplitude::AmplitudeRef;
 use geu_model::Configuration;
+use geu_model::device::Device;
+use geu_protocol::Gyros;
 
 use crate::recorded::{manoeuvre, recorded};
 
 const NOISE: NoiseModel = NoiseModel { white: 0.01, angle_walk: 0.02, rate_walk: 2e-5, scale_walk: 0.0, flicker: 0.0 };
 
 fn hypothesis(code: &str, gyro: usize, value: f64) -> Hypothesis {
-    let kinds = AmplitudeRef::all().into_iter().flat_map(|one| [Some(one), one.with(1), one.with(2)]).flatten();
+    let kinds =
+        AmplitudeRef::all(&Device::iras()).into_iter().flat_map(|one| [Some(one), one.with(1), one.with(2)]).flatten();
     let amplitude = kinds.into_iter().find(|amplitude| amplitude.code() == code).expect("a code");
     let own_shapes = amplitude.own_shapes().iter().map(|number| number.default.initial()).collect();
-    let gyros = std::array::from_fn(|other| other == gyro);
-    Hypothesis { own_shapes, ..Hypothesis::constant(amplitude, value, gyros) }
+    Hypothesis { own_shapes, ..Hypothesis::constant(amplitude, value, Gyros::ALL.only(gyro)) }
 }
 
 fn holding(case: &DiagnosisCase, found: &Hypothesis) -> ModelState {

@@ -7,9 +7,9 @@ use geu_diagnosis::whitening::NoiseModel;
 use geu_diagnosis::{DiagnosisCase, SignatureBank};
 use geu_hypothesis::Hypothesis;
 use geu_hypothesis::amplitude::AmplitudeRef;
-use geu_hypothesis::gyros::only;
 use geu_model::Configuration;
 use geu_model::parameter_spec::Role;
+use geu_protocol::Gyros;
 
 use crate::recorded::{manoeuvre, recorded};
 
@@ -28,10 +28,13 @@ fn computed_signatures_equal_model_runs() {
     let [runs, computed] = [LinearSignatures::default(), linear.clone()]
         .map(|linear| DiagnosisCase { linear, ..DiagnosisCase::new(&measured, &nominal) });
     let (mut compared, mut worst) = (0, (0.0, String::new()));
-    for amplitude in AmplitudeRef::all().into_iter().flat_map(|one| [one].into_iter().chain(one.with_courses())) {
+    for amplitude in
+        AmplitudeRef::all(&nominal.device).into_iter().flat_map(|one| [one].into_iter().chain(one.with_courses()))
+    {
         let own_shapes = amplitude.own_shapes().iter().map(|number| number.default.initial()).collect();
         let value = 1e-3 * amplitude.size().max;
-        let mut hypothesis = Hypothesis { own_shapes, ..Hypothesis::constant(amplitude, value, amplitude.gyros()) };
+        let mut hypothesis =
+            Hypothesis { own_shapes, ..Hypothesis::constant(amplitude, value, amplitude.gyros(&nominal.device)) };
         let values = amplitude.course_shapes().iter().map(|shape| match shape.role {
             Role::Onset => 603.0,
             _ => shape.default.initial(),
@@ -83,7 +86,7 @@ fn signatures_of_formulas_equal_model_runs() {
     for (index, own) in formulas.bases.iter().enumerate().step_by(41) {
         let gyro = index % TIMING;
         let mut moved = nominal.clone();
-        Hypothesis::constant(own.amplitude, 1e-6, only(gyro)).apply(&mut moved);
+        Hypothesis::constant(own.amplitude, 1e-6, Gyros::ALL.only(gyro)).apply(&mut moved);
         let run = measured.difference(&measured.run(&moved, Shifts::default()), &before);
         let largest = own.series[gyro].iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
         for (run, own_value) in run[gyro].iter().zip(own.series[gyro].iter()) {

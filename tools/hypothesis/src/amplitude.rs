@@ -4,15 +4,13 @@
 //! change of the diagnosis.
 
 use geu_model::Configuration;
+use geu_model::device::{Device, MAX_HEADS};
 use geu_model::effect::discovered::{self, Formula};
 use geu_model::effect::{EffectSpec, Effects};
 use geu_model::fault::{EffectList, ParameterRef};
-use geu_model::package::{Axes, Calibration};
-use geu_model::parameter_spec::{ParameterSet, ParameterSpec, Role, ValueFormat, named_gyro};
+use geu_model::parameter_spec::{ParameterSet, ParameterSpec, Role, ValueFormat, Widening, named_gyro};
 use geu_model::time_profile::{COURSES, Size, TimeCourse};
-use geu_protocol::Gyro;
-
-use crate::gyros::Gyros;
+use geu_protocol::{Gyro, Gyros};
 
 /// A number of the model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,12 +26,14 @@ pub const STEP: usize = 0;
 pub const RAMP: usize = 1;
 
 /// An amplitude of the model, constant or with a time course.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AmplitudeRef {
     /// The constant amplitude.
     pub parameter: AmplitudeSource,
     /// Index of the time course in [`COURSES`].
     pub kind: Option<usize>,
+    /// Limits of the unit.
+    pub widening: Widening,
 }
 
 /// Specification of the discovered terms.
@@ -48,7 +48,7 @@ const DISCOVERED: EffectSpec = EffectSpec {
 impl AmplitudeRef {
     /// The amplitude of an effect, with the time course of this index in [`COURSES`].
     pub fn new(target: ParameterRef, kind: Option<usize>) -> AmplitudeRef {
-        AmplitudeRef { parameter: AmplitudeSource::Effect(target), kind }
+        AmplitudeRef { parameter: AmplitudeSource::Effect(target), kind, widening: Widening::default() }
     }
 
     /// Every amplitude of every effect, constant, in the order of the lists; noises and wiring faults, which have no signature, too.
@@ -57,14 +57,16 @@ impl AmplitudeRef {
         targets.map(|target| AmplitudeRef::new(target, None))
     }
 
-    /// Every amplitude that has a signature, constant; in the order of the lists.
-    pub fn all() -> Vec<AmplitudeRef> {
-        AmplitudeRef::every().filter(AmplitudeRef::has_signature).collect()
+    /// Every amplitude that has a signature on a unit, constant; in the order of the lists.
+    pub fn all(device: &Device) -> Vec<AmplitudeRef> {
+        let of_unit = |amplitude| AmplitudeRef { widening: device.widening(), ..amplitude };
+        let has = |amplitude: &AmplitudeRef| amplitude.has_signature() && !amplitude.gyros(device).is_empty();
+        AmplitudeRef::every().filter(has).map(of_unit).collect()
     }
 
     /// The coefficient of a discovered term.
     pub fn term(formula: Formula) -> AmplitudeRef {
-        AmplitudeRef { parameter: AmplitudeSource::Term(formula), kind: None }
+        AmplitudeRef { parameter: AmplitudeSource::Term(formula), kind: None, widening: Widening::default() }
     }
 
     /// Returns the amplitude without a time course.
@@ -175,14 +177,18 @@ impl AmplitudeRef {
     pub fn size(&self) -> Size {
         let number = self.number();
         let constant = Size { name: number.name.to_owned(), form: number.form, min: number.min, max: number.max };
-        self.kind.and_then(|kind| COURSES[kind].size(self.spec(), self.numbers(), self.index())).unwrap_or(constant)
+        let of_course = |kind: usize| COURSES[kind].size(self.spec(), self.numbers(), self.index());
+        let size = self.kind.and_then(of_course).unwrap_or(constant);
+        let (min, max) = self.widening.limits(number, size.min, size.max);
+        Size { min, max, ..size }
     }
 
     /// Limits of its value.
     pub fn limits(&self) -> (f64, f64) {
         let number = self.number();
         let of_course = |kind: usize| COURSES[kind].size_limits(self.spec(), self.numbers(), self.index());
-        self.kind.and_then(of_course).unwrap_or((number.min, number.max))
+        let (min, max) = self.kind.and_then(of_course).unwrap_or((number.min, number.max));
+        self.widening.limits(number, min, max)
     }
 
     /// The other gyro that a value of it names.
@@ -208,16 +214,20 @@ impl AmplitudeRef {
             (0..amplitudes).any(|index| numbers.value(index) != 0.0)
                 || courses.iter().any(|course| course.effect == target.effect)
         };
-        let (numbers, _) = Gyro::ALL.into_iter().map(|gyro| configured(target, gyro, configuration)).find(has)?;
+        let (numbers, _) =
+            configuration.device.gyros().map(|gyro| configured(target, gyro, configuration)).find(has)?;
         Some((amplitudes..numbers.specs().len()).map(|index| numbers.value(index)).collect())
     }
 
     /// The constant amplitude in a configuration, on each gyro.
-    pub fn configured_value(&self, configuration: &Configuration) -> [f64; 4] {
-        Gyro::ALL.map(|gyro| match self.parameter {
-            AmplitudeSource::Effect(target) => configured(target, gyro, configuration).0.value(target.number),
-            AmplitudeSource::Term(_) => 0.0,
-        })
+    pub fn configured_value(&self, configuration: &Configuration) -> [f64; MAX_HEADS] {
+        let mut values = [0.0; MAX_HEADS];
+        if let AmplitudeSource::Effect(target) = self.parameter {
+            let gyros = configuration.device.gyros();
+            gyros
+                .for_each(|gyro| values[gyro.index()] = configured(target, gyro, configuration).0.value(target.number));
+        }
+        values
     }
 
     /// The shape parameters of its time course.
@@ -239,9 +249,16 @@ impl AmplitudeRef {
         [own, course]
     }
 
-    /// The gyros that can have it.
-    pub fn gyros(&self) -> Gyros {
-        Gyro::ALL.map(|gyro| self.list() != Some(EffectList::Head) || Axes::of(gyro).has_number(self.number().name))
+    /// The gyros of a unit that can have it.
+    pub fn gyros(&self, device: &Device) -> Gyros {
+        let all = device.all_gyros();
+        match self.parameter {
+            AmplitudeSource::Effect(target) if target.list == EffectList::Head => {
+                let own = target.gyros(device);
+                all.filter(|gyro| own.iter().any(|own| own.index() == gyro))
+            }
+            _ => all,
+        }
     }
 }
 
@@ -257,15 +274,6 @@ pub fn configured(
         EffectList::Head => (own.effects.constant.numbers(target.effect), &own.effects.courses),
         EffectList::Wiring => (own.wiring.constant.numbers(target.effect), &own.wiring.courses),
     }
-}
-
-/// The calibration parameters: gyro and index among [`Calibration::NUMBERS`], for each that a gyro has.
-pub fn calibration_parameters() -> Vec<(Gyro, usize)> {
-    let of_gyro = |gyro: Gyro| {
-        let has = move |index: &usize| Axes::of(gyro).has_number(Calibration::NUMBERS[*index].name);
-        (0..Calibration::NUMBERS.len()).filter(has).map(move |index| (gyro, index))
-    };
-    Gyro::ALL.into_iter().flat_map(of_gyro).collect()
 }
 
 /// True if small changes of a value are possible.

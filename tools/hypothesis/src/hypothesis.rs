@@ -6,10 +6,9 @@ use geu_model::effect::{EffectConfiguration, Effects};
 use geu_model::fault::{EffectList, ParameterRef};
 use geu_model::parameter_spec::{ParameterSet, ParameterSpec, Role};
 use geu_model::time_profile::{COURSES, Size, TimeCourse, TimeProfile};
-use geu_protocol::Gyro;
+use geu_protocol::{Gyro, Gyros};
 
 use crate::amplitude::{AmplitudeRef, AmplitudeSource, configured};
-use crate::gyros::{Gyros, overlap};
 
 /// An amplitude with its value.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,7 +21,7 @@ pub struct Hypothesis {
     pub own_shapes: Vec<f64>,
     /// Values of the time course's shape parameters.
     pub course_shapes: Vec<f64>,
-    /// The gyros; all four for an effect of the unit.
+    /// The gyros; all of them for an effect of the unit.
     pub gyros: Gyros,
 }
 
@@ -70,11 +69,6 @@ impl Hypothesis {
         self.amplitude.kind.is_some_and(|kind| COURSES[kind].follows_temperature)
     }
 
-    fn on(&self) -> impl Iterator<Item = Gyro> {
-        let gyros = self.gyros;
-        Gyro::ALL.into_iter().filter(move |gyro| gyros[gyro.index()])
-    }
-
     /// Adds it to a configuration.
     pub fn apply(&self, configuration: &mut Configuration) {
         self.put(configuration, |_| true);
@@ -108,7 +102,7 @@ impl Hypothesis {
                     }
                 }
             }
-            AmplitudeSource::Term(formula) => self.on().for_each(|at| {
+            AmplitudeSource::Term(formula) => self.gyros.gyros().for_each(|at| {
                 let terms = &mut configuration.gyros[at.index()].discovered;
                 match terms.iter_mut().find(|term| term.formula == formula) {
                     Some(term) => term.coefficient += self.value,
@@ -130,7 +124,8 @@ impl Hypothesis {
         ) -> (&mut dyn ParameterSet, &mut Vec<TimeCourse>) {
             (own.constant.numbers_mut(effect), &mut own.courses)
         }
-        let gyros = configuration.gyros.iter_mut().zip(self.gyros).filter_map(|(gyro, has)| has.then_some(gyro));
+        let gyros = configuration.gyros.iter_mut().enumerate();
+        let gyros = gyros.filter_map(|(gyro, own)| self.gyros[gyro].then_some(own));
         match target.list {
             EffectList::Unit => vec![parts(&mut configuration.unit, target.effect)],
             EffectList::Head => gyros.map(|gyro| parts(&mut gyro.effects, target.effect)).collect(),
@@ -173,7 +168,7 @@ impl Hypothesis {
 
     /// True if a configuration cannot contain it beside this amplitude on these gyros.
     pub fn conflicts(&self, amplitude: AmplitudeRef, gyros: &Gyros) -> bool {
-        self.amplitude == amplitude && overlap(&self.gyros, gyros)
+        self.amplitude == amplitude && self.gyros.overlaps(gyros)
     }
 
     /// True if a configuration accepts the parameters.
@@ -203,8 +198,8 @@ impl Hypothesis {
                 vec![format!("gyro.{}.{} = [{terms}]", gyro.name(), discovered::CODE)]
             }
         };
-        let count = if self.amplitude.is_of_unit() { 1 } else { Gyro::ALL.len() };
-        self.on().take(count).flat_map(of_gyro).collect()
+        let count = if self.amplitude.is_of_unit() { 1 } else { self.gyros.heads() };
+        self.gyros.gyros().take(count).flat_map(of_gyro).collect()
     }
 
     /// The assignments below one table.
@@ -250,11 +245,11 @@ pub struct HypothesisParameter {
 }
 
 impl HypothesisParameter {
-    /// Change of the value for a signature.
-    pub fn step(&self) -> f64 {
+    /// Change of the value for a signature in blocks of this length.
+    pub fn step(&self, block_s: f64) -> f64 {
         match self.role {
             // Two blocks, to average over the course within one.
-            Role::Onset | Role::Duration => 10.0,
+            Role::Onset | Role::Duration => 2.0 * block_s,
             Role::Phase => 0.02,
             _ if self.value != 0.0 => 0.02 * self.value.abs(),
             _ => 2e-3 * self.max.min(1e3),

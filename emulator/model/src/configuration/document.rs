@@ -189,7 +189,7 @@ impl<'a> Node<'a> {
     /// # Errors
     /// Not a number, out of limits, or required and not there.
     pub fn number(&self, spec: &ParameterSpec) -> Read<f64> {
-        let (min, max) = self.source.device.widening().limits(spec.unit, spec.min, spec.max);
+        let (min, max) = self.source.device.widening().limits(spec, spec.min, spec.max);
         match (self.value(spec.name, spec.form, min, max)?, spec.default) {
             (Some(value), _) => Ok(value),
             (None, DefaultValue::Required) => {

@@ -36,8 +36,8 @@ impl<E: Effects> EffectTables<'_, E> {
         table.only(&keys.chain(kind.shapes.iter().map(|shape| shape.name)).collect::<Vec<_>>())?;
         let shapes = kind.shapes.iter().map(|shape| table.number(shape)).collect::<Read<Vec<f64>>>()?;
         for (amplitude, Size { name, form, min, max }) in sizes {
-            let unit = self.configured.constant.numbers(effect).specs()[amplitude].unit;
-            let (min, max) = self.device.widening().limits(unit, min, max);
+            let spec = &self.configured.constant.numbers(effect).specs()[amplitude];
+            let (min, max) = self.device.widening().limits(spec, min, max);
             let size = table.value(&name, form, min, max)?.unwrap_or(0.0);
             if size != 0.0 {
                 self.configured.courses.push(TimeCourse { effect, amplitude, size, profile: kind.with(&shapes) });

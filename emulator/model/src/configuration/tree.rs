@@ -292,7 +292,7 @@ pub(super) fn show_numbers(
     if complete {
         line!(text, "# {title}");
         for spec in numbers.specs().iter().filter(|spec| has(spec.name)) {
-            let (min, max) = device.widening().limits(spec.unit, spec.min, spec.max);
+            let (min, max) = device.widening().limits(spec, spec.min, spec.max);
             let limits = match spec.form {
                 ValueFormat::Gyro => ValueFormat::limits_of(&device.gyros().map(Gyro::name).collect::<Vec<_>>()),
                 form => form.limits(min, max),

@@ -1,13 +1,13 @@
 //! What the model takes from a unit: interval, limits, gyros.
 
-use geu_protocol::Gyro;
 use geu_protocol::layout::ValueSpec;
+use geu_protocol::{Gyro, Gyros};
 
 use super::{Device, Head, Output};
 use crate::parameter_spec::Widening;
-use crate::units::FULL_SCALE_ARCSEC_S;
+use crate::units::{ARCSEC_PER_RAD, FULL_SCALE_ARCSEC_S};
 
-/// Smallest limit of relative errors of described units, ppm.
+/// Smallest limit of relative errors of described units, ppm; that of the projections of an input axis is 45°.
 const DESCRIBED_PPM: f64 = 1e5;
 
 impl Device {
@@ -45,7 +45,11 @@ impl Device {
     pub fn widening(&self) -> Widening {
         match self.is_iras() {
             true => Widening::default(),
-            false => Widening { rate_factor: (self.range_arcsec_s / FULL_SCALE_ARCSEC_S).max(1.0), ppm: DESCRIBED_PPM },
+            false => Widening {
+                rate_factor: (self.range_arcsec_s / FULL_SCALE_ARCSEC_S).max(1.0),
+                ppm: DESCRIBED_PPM,
+                misalignment_arcsec: ARCSEC_PER_RAD,
+            },
         }
     }
 
@@ -60,6 +64,11 @@ impl Device {
     /// The gyros.
     pub fn gyros(&self) -> impl Iterator<Item = Gyro> {
         self.heads.iter().map(|head| head.gyro)
+    }
+
+    /// All gyros.
+    pub fn all_gyros(&self) -> Gyros {
+        Gyros::of_unit(&self.gyros().collect::<Vec<_>>())
     }
 
     /// The gyro of that name.

@@ -1,7 +1,7 @@
 //! Lists of effects: their common interface, their time courses, and the macros that declare them.
 
 use super::{EffectSpec, GyroSubStep, Probe, SampleTiming};
-use crate::parameter_spec::{ParameterSet, ParameterSpec, Widening};
+use crate::parameter_spec::{ParameterSet, Widening};
 use crate::time_profile::{Interval, TimeCourse};
 
 /// A list of effects as data.
@@ -40,8 +40,8 @@ impl<E: Effects> EffectConfiguration<E> {
         let mut effects = self.constant;
         for course in &self.courses {
             let numbers = effects.numbers_mut(course.effect);
-            let ParameterSpec { unit, min, max, .. } = numbers.specs()[course.amplitude];
-            let (min, max) = self.widening.limits(unit, min, max);
+            let spec = &numbers.specs()[course.amplitude];
+            let (min, max) = self.widening.limits(spec, spec.min, spec.max);
             let amplitude = numbers.value_mut(course.amplitude);
             // Limits are what the model is good for: a course that grows without end stays at them.
             *amplitude = (*amplitude + course.value(interval)).clamp(min, max);
@@ -60,8 +60,8 @@ impl<E: Effects> EffectConfiguration<E> {
         let mut effects = self.constant;
         for course in &self.courses {
             let numbers = effects.numbers_mut(course.effect);
-            let ParameterSpec { unit, min, max, .. } = numbers.specs()[course.amplitude];
-            let (min, max) = self.widening.limits(unit, min, max);
+            let spec = &numbers.specs()[course.amplitude];
+            let (min, max) = self.widening.limits(spec, spec.min, spec.max);
             let amplitude = numbers.value_mut(course.amplitude);
             *amplitude = (*amplitude + course.largest()).clamp(min, max);
         }

@@ -12,7 +12,7 @@ use crate::configuration::Configuration;
 use crate::device::Device;
 use crate::effect::Effects;
 use crate::gyro_unit::CompletedSample;
-use crate::parameter_spec::{ParameterSpec, Widening};
+use crate::parameter_spec::Widening;
 use crate::time_profile::Interval;
 
 /// A fault over one sample interval.
@@ -236,8 +236,8 @@ impl FaultEngine {
     pub fn moved<E: Effects>(&self, mut effects: E, list: EffectList, gyro: Option<Gyro>) -> E {
         for (target, value) in self.offsets(list, gyro) {
             let numbers = effects.numbers_mut(target.effect);
-            let ParameterSpec { unit, min, max, .. } = numbers.specs()[target.number];
-            let (min, max) = self.widening.limits(unit, min, max);
+            let spec = &numbers.specs()[target.number];
+            let (min, max) = self.widening.limits(spec, spec.min, spec.max);
             let number = numbers.value_mut(target.number);
             let before = if target.is_switch() || !number.is_finite() { 0.0 } else { *number };
             *number = (before + value).clamp(min, max);

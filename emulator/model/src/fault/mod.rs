@@ -129,7 +129,7 @@ impl ParameterRef {
     /// Limits of that for a unit.
     pub fn limits_of(&self, device: &Device) -> (f64, f64) {
         let (min, max) = self.limits();
-        device.widening().limits(self.number().unit, min, max)
+        device.widening().limits(self.number(), min, max)
     }
 
     /// Gyros of a unit that have it; empty for a parameter of the unit.

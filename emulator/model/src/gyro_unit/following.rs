@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use geu_protocol::Gyros;
+
 use super::{GyroUnit, Truth};
 use crate::configuration::Configuration;
 use crate::device::{Head, MAX_HEADS};
@@ -9,28 +11,35 @@ use crate::effect::discovered::{Formula, Regressor};
 use crate::effect::{EffectInputs, Temperatures};
 use crate::package::{ComputedParts, SubStep};
 use crate::temperature::{ElectronicsCourse, SENSOR_NOMINAL_C, interpolate};
-use crate::units::SAMPLE_INTERVAL_S;
 
 /// Temperatures that were measured, in the middle of each sample interval.
 #[derive(Debug, Clone, PartialEq)]
-pub struct MeasuredTemperatures(Vec<Temperatures>);
+pub struct MeasuredTemperatures {
+    interval_s: f64,
+    samples: Vec<Temperatures>,
+}
 
 impl MeasuredTemperatures {
     /// Temperatures of electronics with a course, and of a sensor with points (time since the start in s, °C) in order of time.
-    pub fn new(electronics: &ElectronicsCourse, sensor: &[(f64, f64)], samples: usize) -> MeasuredTemperatures {
+    pub fn new(
+        electronics: &ElectronicsCourse,
+        sensor: &[(f64, f64)],
+        samples: usize,
+        interval_s: f64,
+    ) -> MeasuredTemperatures {
         let of_sample = |sample: usize| {
-            let t_s = (sample as f64 + 0.5) * SAMPLE_INTERVAL_S;
+            let t_s = (sample as f64 + 0.5) * interval_s;
             let sensor_c = if sensor.is_empty() { SENSOR_NOMINAL_C } else { interpolate(sensor, t_s) };
             Temperatures::from_course(electronics, t_s, sensor_c)
         };
-        MeasuredTemperatures((0..samples.max(1)).map(of_sample).collect())
+        MeasuredTemperatures { interval_s, samples: (0..samples.max(1)).map(of_sample).collect() }
     }
 
     /// In the sample interval that contains this time, held before the first and after the last.
     #[inline]
     pub(super) fn at(&self, t_s: f64) -> Temperatures {
-        let sample = (t_s / SAMPLE_INTERVAL_S) as usize;
-        self.0[sample.min(self.0.len() - 1)]
+        let sample = (t_s / self.interval_s) as usize;
+        self.samples[sample.min(self.samples.len() - 1)]
     }
 }
 
@@ -41,7 +50,7 @@ impl GyroUnit {
         configuration: &Configuration,
         truth: &Truth,
         measured: Arc<MeasuredTemperatures>,
-        gyros: &[bool],
+        gyros: Gyros,
     ) -> GyroUnit {
         let unit = GyroUnit::at_start(configuration, truth, Some(measured));
         let has_plan = !unit.faults.is_empty();
@@ -49,7 +58,7 @@ impl GyroUnit {
             let effects = if has_plan { u32::MAX } else { configuration.gyros[index].effects.active() };
             ComputedParts { is_counted: gyros[index], effects }
         };
-        GyroUnit { computed: (0..gyros.len()).map(of_gyro).collect(), ..unit }
+        GyroUnit { computed: (0..gyros.heads()).map(of_gyro).collect(), ..unit }
     }
 
     /// True if no effect or fault moves its sample intervals or its motion.

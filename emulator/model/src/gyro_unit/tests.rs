@@ -1,6 +1,6 @@
 //! The unit, sample by sample.
 
-use geu_protocol::{CommandResult, command};
+use geu_protocol::{CommandResult, Gyros, command};
 
 use geu_protocol::field::unit_flag;
 
@@ -86,15 +86,15 @@ fn a_unit_that_follows_measured_temperatures_counts_as_any_other() {
     for overrides in [&[][..], one_effect, of_unit, of_temperature] {
         let overrides: Vec<String> = overrides.iter().map(|text| (*text).to_owned()).collect();
         let configuration = Configuration::reference_with(&overrides).expect("valid").without_noise();
-        let temperatures = Arc::new(MeasuredTemperatures::new(&configuration.electronics, &[], 4000));
-        let gyros = [true, true, false, true];
+        let temperatures = Arc::new(MeasuredTemperatures::new(&configuration.electronics, &[], 4000, 0.5));
+        let gyros = Gyros::ALL.filter(|gyro| gyro != 2);
         // Two units that differ in their gyros alone follow the motion together.
         let mut other = configuration.clone();
         other.gyros[1].calibration.scale_factor = 1.25;
         let both = [configuration, other];
         let mut following = both
             .each_ref()
-            .map(|configuration| GyroUnit::following(configuration, &Truth::Scenario, temperatures.clone(), &gyros));
+            .map(|configuration| GyroUnit::following(configuration, &Truth::Scenario, temperatures.clone(), gyros));
         let mut units = both.each_ref().map(GyroUnit::new);
         for _ in 0..4000 {
             let ends_ns = units.each_mut().map(|unit| unit.end_sample().end_ns);

@@ -1,27 +1,32 @@
 //! Reads [`AccumulatedCounts`] from the rows of a decoder.
 
+use geu_model::device::MAX_HEADS;
 use geu_model::units::SAMPLE_INTERVAL_NS;
+use geu_protocol::Gyros;
 use geu_protocol::continuity::{Continuity, MAX_MISSING, SequenceStep};
 use geu_recording::{Defect, ReceivedSample, Sink};
 
-use super::{AccumulatedCounts, BreakKind, Discontinuity, unusable};
+use super::{AccumulatedCounts, BreakKind, Discontinuity, increments, unusable};
 
-/// Samples over which receive times are averaged.
-const TIMING_BLOCK: usize = 600;
+/// Time over which receive times are averaged, s.
+const TIMING_S: f64 = 300.0;
 /// A receive time this far from the averaged course is a clock jump.
 const TIME_JUMP_S: f64 = 0.1;
 
 /// Accumulates the counts of decoded rows.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct CountsReader {
     continuity: Continuity,
-    /// Node of the sample before.
-    node: usize,
-    /// Node, time and whether the time was received, of each row.
-    times: Vec<(usize, i64, bool)>,
-    counts: AccumulatedCounts,
+    nodes: NodeReader,
     missing: u64,
     defects: u64,
+}
+
+impl Default for CountsReader {
+    fn default() -> CountsReader {
+        let nodes = NodeReader::new(AccumulatedCounts::starting_at(0));
+        CountsReader { continuity: Continuity::default(), nodes, missing: 0, defects: 0 }
+    }
 }
 
 impl Sink for CountsReader {
@@ -38,37 +43,18 @@ impl Sink for CountsReader {
             SequenceStep::First | SequenceStep::Next => (1, None),
             SequenceStep::Repeat => return,
             SequenceStep::Gap(missing) => (missing + 1, Some(BreakKind::Gap(missing))),
-            SequenceStep::Reset => (by_time(&self.times), Some(BreakKind::Reset)),
-            SequenceStep::Jump => (by_time(&self.times), Some(BreakKind::Jump)),
+            SequenceStep::Reset => (by_time(&self.nodes.times), Some(BreakKind::Reset)),
+            SequenceStep::Jump => (by_time(&self.nodes.times), Some(BreakKind::Jump)),
         };
         let advance = if advance - 1 > MAX_MISSING - self.missing { 1 } else { advance };
         self.missing += advance - 1;
-        let advance = advance as usize;
-        if self.counts.node_s.is_empty() {
-            self.counts = AccumulatedCounts::starting_at(0);
-        }
-        let from = self.node;
-        self.node += advance;
         let electronics_c = f64::from(sample.electronics_centi_c) * 0.01;
-        for _ in 1..advance {
-            self.counts.push(0.0, [0.0; 4], electronics_c);
-        }
-        self.counts.push_sample(0.0, sample);
-        if let Some(kind) = kind {
-            self.note(from, [true; 4], kind);
-        }
+        let sensor_c = row.has_clock.then(|| f64::from(sample.sensor_centi_c) * 0.01);
+        let time = row.time.map(|time| (time.t_ns, row.is_received));
+        self.nodes.push(advance as usize, kind, &increments(sample), electronics_c, sensor_c, time);
         let [self_test, invalid, saturated] = unusable(sample);
         for (kind, gyros) in [invalid, saturated, self_test] {
-            self.note(self.node - 1, gyros, kind);
-        }
-        if row.has_clock {
-            // Rows without one keep the temperature before.
-            let held = self.counts.sensor_c.last().copied().unwrap_or(f64::from(sample.sensor_centi_c) * 0.01);
-            self.counts.sensor_c.resize(self.node, held);
-            self.counts.sensor_c.push(f64::from(sample.sensor_centi_c) * 0.01);
-        }
-        if let Some(time) = row.time {
-            self.times.push((self.node, time.t_ns, row.is_received));
+            self.nodes.note(self.nodes.node - 1, Gyros::ALL.filter(|gyro| gyros[gyro]), kind);
         }
     }
 
@@ -83,8 +69,60 @@ impl CountsReader {
         self.defects
     }
 
-    fn note(&mut self, from: usize, gyros: [bool; 4], kind: BreakKind) {
-        if !gyros.contains(&true) {
+    /// Returns the counts; `None` without a row. `clock_start_ns` is the time at which the unit's clock was 0, for
+    /// recordings without receive times.
+    pub fn finish(self, clock_start_ns: i64) -> Option<AccumulatedCounts> {
+        self.nodes.finish(clock_start_ns)
+    }
+}
+
+/// Accumulates the samples of any unit at nodes, and dates the nodes at the end.
+#[derive(Debug)]
+pub(super) struct NodeReader {
+    /// Node of the sample before.
+    pub node: usize,
+    /// Node, time and whether the time was received, of each row.
+    pub times: Vec<(usize, i64, bool)>,
+    counts: AccumulatedCounts,
+}
+
+impl NodeReader {
+    /// Before the first sample.
+    pub fn new(counts: AccumulatedCounts) -> NodeReader {
+        NodeReader { node: 0, times: Vec::new(), counts }
+    }
+
+    /// Adds a sample `advance` nodes after the one before; `kind` is the reason of a break before it.
+    pub fn push(
+        &mut self,
+        advance: usize,
+        kind: Option<BreakKind>,
+        increments: &[f64],
+        electronics_c: f64,
+        sensor_c: Option<f64>,
+        time: Option<(i64, bool)>,
+    ) {
+        let from = self.node;
+        self.node += advance;
+        for _ in 1..advance {
+            self.counts.push(0.0, &[0.0; MAX_HEADS], electronics_c);
+        }
+        self.counts.push(0.0, increments, electronics_c);
+        if let Some(kind) = kind {
+            self.note(from, self.counts.gyros, kind);
+        }
+        if let Some(sensor_c) = sensor_c {
+            // Rows without one keep the temperature before.
+            let held = self.counts.sensor_c.last().copied().unwrap_or(sensor_c);
+            self.counts.sensor_c.resize(self.node, held);
+            self.counts.sensor_c.push(sensor_c);
+        }
+        self.times.extend(time.map(|(t_ns, is_received)| (self.node, t_ns, is_received)));
+    }
+
+    /// Notes that the counts from a node to that of the last sample are unusable.
+    pub fn note(&mut self, from: usize, gyros: Gyros, kind: BreakKind) {
+        if gyros.is_empty() {
             return;
         }
         // Consecutive samples with one cause are one break.
@@ -98,23 +136,22 @@ impl CountsReader {
         self.counts.breaks.push(Discontinuity { from, to: self.node, gyros, kind });
     }
 
-    /// Returns the counts; `None` without a row. `clock_start_ns` is the time at which the unit's clock was 0, for
-    /// recordings without receive times.
+    /// As [`CountsReader::finish`].
     pub fn finish(mut self, clock_start_ns: i64) -> Option<AccumulatedCounts> {
         let first = *self.times.first()?;
         let is_received = self.times.iter().any(|time| time.2);
         self.times.retain(|time| time.2 == is_received);
+        let mut counts = self.counts;
+        let interval_s = counts.interval_s;
+        let interval_ns = (interval_s * 1e9).round() as i64;
         // Departures of the times from nominal samples since the first, so that no digit is lost.
         let departures: Vec<(usize, f64)> = self
             .times
             .iter()
-            .map(|&(node, t_ns, _)| {
-                (node, (t_ns - first.1 - (node - first.0) as i64 * SAMPLE_INTERVAL_NS) as f64 * 1e-9)
-            })
+            .map(|&(node, t_ns, _)| (node, (t_ns - first.1 - (node - first.0) as i64 * interval_ns) as f64 * 1e-9))
             .collect();
-        let mut counts = self.counts;
-        let (course, jumps) = course(&departures);
-        let nominal_s = |node: usize| (node as f64 - first.0 as f64) * 0.5;
+        let (course, jumps) = course(&departures, (TIMING_S / interval_s) as usize);
+        let nominal_s = |node: usize| (node as f64 - first.0 as f64) * interval_s;
         let at = |node: usize| nominal_s(node) + course(node as f64);
         let start_s = at(0);
         counts.node_s = (0..counts.node_s.len()).map(|node| at(node) - start_s).collect();
@@ -127,7 +164,8 @@ impl CountsReader {
         }
         counts.start_ns = first.1 + zero_ns + (start_s * 1e9).round() as i64;
         counts.is_received = is_received;
-        let jump = |(from, to)| Discontinuity { from, to, gyros: [true; 4], kind: BreakKind::TimeJump };
+        let gyros = counts.gyros;
+        let jump = |(from, to)| Discontinuity { from, to, gyros, kind: BreakKind::TimeJump };
         counts.breaks.extend(jumps.into_iter().map(jump));
         counts.breaks.sort_by_key(|found| found.from);
         counts.cut_at_backward_time();
@@ -137,19 +175,19 @@ impl CountsReader {
 
 /// Smooths the departures over the nodes by medians of blocks joined by straight lines. Also returns the jumps, on either
 /// side of which the departures are smoothed separately.
-fn course(departures: &[(usize, f64)]) -> (impl Fn(f64) -> f64, Vec<(usize, usize)>) {
+fn course(departures: &[(usize, f64)], averaged: usize) -> (impl Fn(f64) -> f64, Vec<(usize, usize)>) {
     let (mut parts, mut jumps, mut start) = (vec![], vec![], 0);
     for index in 1..departures.len() {
         let ((before, from_s), (now, to_s)) = (departures[index - 1], departures[index]);
         // A single late stamp is no jump.
         let stays = departures.get(index + 1).is_none_or(|next| (next.1 - to_s).abs() < TIME_JUMP_S);
         if (to_s - from_s).abs() > TIME_JUMP_S && stays {
-            parts.push(knots(&departures[start..index]));
+            parts.push(knots(&departures[start..index], averaged));
             jumps.push((before, now));
             start = index;
         }
     }
-    parts.push(knots(&departures[start..]));
+    parts.push(knots(&departures[start..], averaged));
     let ends: Vec<usize> = jumps.iter().map(|jump| jump.0).collect();
     let course = move |node: f64| {
         let knots: &[(f64, f64)] = &parts[ends.partition_point(|&end| (end as f64) < node)];
@@ -164,8 +202,8 @@ fn course(departures: &[(usize, f64)]) -> (impl Fn(f64) -> f64, Vec<(usize, usiz
 }
 
 /// Middle and median of each block; at least two blocks if there are points enough for a slope.
-fn knots(points: &[(usize, f64)]) -> Vec<(f64, f64)> {
-    let blocks = (points.len() / TIMING_BLOCK).max(if points.len() >= 40 { 2 } else { 1 });
+fn knots(points: &[(usize, f64)], averaged: usize) -> Vec<(f64, f64)> {
+    let blocks = (points.len() / averaged.max(1)).max(if points.len() >= 40 { 2 } else { 1 });
     let block = |index: usize| &points[index * points.len() / blocks..(index + 1) * points.len() / blocks];
     (0..blocks)
         .map(|index| {

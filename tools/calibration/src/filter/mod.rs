@@ -178,7 +178,7 @@ pub fn reconstruct(
 fn steps(counts: &AccumulatedCounts, calibrations: &[Calibration; 4], in_use: GyroSet) -> MotionSteps {
     let transfer = Transfer::new(calibrations, in_use);
     let of = |node: usize| {
-        let counted = counts.accumulated.each_ref().map(|sums| sums[node] - sums[node - 1]);
+        let counted = std::array::from_fn(|gyro| counts.accumulated[gyro][node] - counts.accumulated[gyro][node - 1]);
         (transfer.about_control_arcsec(counted, 1.0), None)
     };
     (1..=counts.len()).map(of).collect()

@@ -1,7 +1,7 @@
 //! The filter against the model: exactness, honesty of the covariance, whiteness, breaks.
 
 use geu_model::{Configuration, GyroUnit};
-use geu_protocol::Gyro;
+use geu_protocol::{Gyro, Gyros};
 use nalgebra::Vector3;
 
 use super::survey_day::{AttitudeErrorStats, SurveyDay, checkout_calibration, with_errors};
@@ -61,7 +61,11 @@ fn counts_without_noise_or_rounding_reconstruct_exactly() {
     let mut counts = AccumulatedCounts::starting_at(0);
     for _ in 0..30_000 {
         let (ended, traces) = unit.end_sample_traced();
-        counts.push(ended.end_ns as f64 * 1e-9, std::array::from_fn(|gyro| traces[gyro].unquantised), 20.0);
+        counts.push(
+            ended.end_ns as f64 * 1e-9,
+            &traces.iter().map(|trace| trace.unquantised).collect::<Vec<_>>(),
+            20.0,
+        );
     }
     day.counts = counts;
     // From the first fix on by counts alone: at a later one, between samples where a ramp ends, the cubic would err.
@@ -201,7 +205,7 @@ fn a_gap_widens_the_covariance_and_the_next_fixes_close_it() {
             sums[from..=to].fill(at_start);
             sums[to + 1..].iter_mut().for_each(|sum| *sum -= lost);
         }
-        day.counts.breaks.push(Discontinuity { from, to, gyros: [true; 4], kind });
+        day.counts.breaks.push(Discontinuity { from, to, gyros: Gyros::ALL, kind });
         let result = reconstruct(&day.counts, &calibrations, GyroSet::WithZa, &noise, &day.fixes).expect("fixes");
         let sigma = |node: usize| result.filtered[node].boresight_sigma_arcsec();
         assert!(sigma(from) < 20.0 && sigma(to) > 100.0, "{length}: {} {}", sigma(from), sigma(to));
@@ -231,10 +235,10 @@ fn little_or_bad_input_is_refused_or_handled_without_panic() {
     let (za, noise) = (GyroSet::WithZa, FilterNoise::PAPER);
     let some = |samples: usize| {
         let mut counts = AccumulatedCounts::starting_at(0);
-        (1..=samples).for_each(|end| counts.push(end as f64 * 0.5, [0.0; 4], 20.0));
+        (1..=samples).for_each(|end| counts.push(end as f64 * 0.5, &[0.0; 4], 20.0));
         counts
     };
-    assert_eq!(run(&AccumulatedCounts::default(), za, &noise, one), Err(FilterError::NoCounts));
+    assert_eq!(run(&AccumulatedCounts::starting_at(0), za, &noise, one), Err(FilterError::NoCounts));
     assert_eq!(run(&some(0), za, &noise, one), Err(FilterError::NoCounts));
     assert_eq!(run(&some(4), GyroSet::All, &noise, one), Err(FilterError::FourGyros));
     assert!(matches!(run(&some(4), za, &noise, &[]), Err(FilterError::NoAttitude { got: 0, .. })));
@@ -257,7 +261,7 @@ fn little_or_bad_input_is_refused_or_handled_without_panic() {
     }
     // Broken from end to end.
     let mut counts = some(3000);
-    counts.breaks.push(Discontinuity { from: 0, to: 9999, gyros: [true; 4], kind: BreakKind::SelfTest });
+    counts.breaks.push(Discontinuity { from: 0, to: 9999, gyros: Gyros::ALL, kind: BreakKind::SelfTest });
     let result = run(&counts, za, &noise, &[fix.clone(), AttitudeFix::star(1400.0, 90.0, 0.0, 0.5)]).expect("fixes");
     assert!(
         result.smoothed.iter().all(|estimate| estimate.covariance_control_arcsec2.iter().all(|part| part.is_finite()))

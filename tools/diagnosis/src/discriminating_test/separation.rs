@@ -37,6 +37,9 @@ pub struct Separation {
 /// The signatures in one recording or motion, not whitened.
 #[derive(Clone)]
 pub struct Signatures {
+    block_s: f64,
+    /// Calibration parameters, each with its a priori sigma.
+    a_priori: Vec<(f64, f64)>,
     blocks: [Vec<Block>; CHANNELS],
     rounding: Rounding,
     nuisances: Vec<Nuisance>,
@@ -74,7 +77,8 @@ impl Signatures {
         let parameters: Vec<Vec<Nuisance>> = hypotheses.par_iter().map(columns).collect();
         let truths = hypotheses.iter().zip(&parameters).map(|(own, columns)| at_phases(own, columns)).collect();
         let (blocks, rounding) = (case.measured.blocks.clone(), Rounding::clone(&case.rounding));
-        Signatures { blocks, rounding, nuisances, parameters, truths }
+        let (block_s, a_priori) = (case.measured.block_s(), case.a_priori(&[]));
+        Signatures { block_s, a_priori, blocks, rounding, nuisances, parameters, truths }
     }
 
     /// The signatures in this motion and the next one.
@@ -91,6 +95,8 @@ impl Signatures {
         };
         let join_all = |(one, other): (&Vec<Nuisance>, &Vec<Nuisance>)| one.iter().zip(other).map(join).collect();
         Signatures {
+            block_s: self.block_s,
+            a_priori: self.a_priori.clone(),
             blocks: std::array::from_fn(|channel| [&self.blocks[channel][..], &next.blocks[channel]].concat()),
             rounding: std::array::from_fn(|channel| [&self.rounding[channel][..], &next.rounding[channel]].concat()),
             nuisances: join_all((&self.nuisances, &next.nuisances)),
@@ -102,10 +108,10 @@ impl Signatures {
     /// Separation of the first hypothesis from each of the others, whichever of the two is true, if their amplitudes are `sizes`.
     pub fn separations(&self, noise: &[NoiseModel; CHANNELS], sizes: &[f64]) -> Vec<Separation> {
         let whitenings = std::array::from_fn(|channel| {
-            Whitening::new(&noise[channel], &self.blocks[channel], &self.rounding[channel])
+            Whitening::new(&noise[channel], &self.blocks[channel], &self.rounding[channel], self.block_s)
         });
         let zero: Series = self.blocks.each_ref().map(|blocks| vec![0.0; blocks.len()]);
-        let normal = NormalEquations::new(Arc::new(whitenings), &zero, &self.nuisances, &[]);
+        let normal = NormalEquations::new(Arc::new(whitenings), &zero, &self.nuisances, &self.a_priori);
         let white = |columns: &Vec<Nuisance>| columns.iter().map(|own| Signature::new(&normal, own)).collect();
         let white = |all: &[Vec<Nuisance>]| -> Vec<Vec<Signature>> { all.iter().map(white).collect() };
         let (parameters, truths) = (white(&self.parameters), white(&self.truths));

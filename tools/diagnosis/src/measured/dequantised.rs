@@ -5,7 +5,6 @@
 //! path and its rate gives for each node the angle and its weight, so that their block averages do not contain the rounding: given the
 //! counts before, the expected change of the estimate is 0 whatever a controller does. The path must contain all effects.
 
-use geu_model::units::SAMPLE_INTERVAL_S;
 use libm::{erf, exp};
 
 use super::{BLOCK, Block};
@@ -45,7 +44,13 @@ struct Filter {
 }
 
 /// Dequantises accumulated counts along a path; `angle_walk` is that configured.
-pub fn dequantise(counts: &[f64], path: &[f64], blocks: &[Block], angle_walk: f64) -> DequantisedAngles {
+pub fn dequantise(
+    counts: &[f64],
+    path: &[f64],
+    blocks: &[Block],
+    angle_walk: f64,
+    interval_s: f64,
+) -> DequantisedAngles {
     let (mut angles, mut weights, mut contradictions) = (counts.to_vec(), vec![MIN_WEIGHT; counts.len()], 0);
     let (mut filter, mut log_likelihood): (Option<Filter>, f64) = (None, 0.0);
     for node in 1..path.len().min(counts.len()) {
@@ -55,7 +60,7 @@ pub fn dequantise(counts: &[f64], path: &[f64], blocks: &[Block], angle_walk: f6
             Some(state) => state,
             None => filter.insert(Filter::at(residual)),
         };
-        state.predict(angle_walk);
+        state.predict(angle_walk, interval_s);
         (angles[node], weights[node]) = match state.update(residual) {
             Some(Update { angle, weight, within }) => {
                 log_likelihood += within.max(f64::MIN_POSITIVE).ln();
@@ -83,13 +88,13 @@ impl Filter {
         Filter { departure, rate: 0.0, aa: ROUNDING, ad: 0.0, dd: INITIAL_RATE * INITIAL_RATE }
     }
 
-    fn predict(&mut self, angle_walk: f64) {
-        const T: f64 = SAMPLE_INTERVAL_S;
+    fn predict(&mut self, angle_walk: f64, interval_s: f64) {
+        let t = interval_s;
         let rate_walk = RATE_WALK * RATE_WALK;
-        self.departure += T * self.rate;
-        self.aa += 2.0 * T * self.ad + T * T * self.dd + angle_walk * angle_walk * T + rate_walk * T.powi(3) / 3.0;
-        self.ad += T * self.dd + rate_walk * T * T / 2.0;
-        self.dd += rate_walk * T;
+        self.departure += t * self.rate;
+        self.aa += 2.0 * t * self.ad + t * t * self.dd + angle_walk * angle_walk * t + rate_walk * t.powi(3) / 3.0;
+        self.ad += t * self.dd + rate_walk * t * t / 2.0;
+        self.dd += rate_walk * t;
     }
 
     /// The state by a count that is `residual` from the path; `None` if it contradicts the path, and the filter starts there.
@@ -139,7 +144,7 @@ mod tests {
         let counts: Vec<f64> = truth.iter().map(|angle| angle.round()).collect();
         let path: Vec<f64> = truth.iter().map(|angle| angle - 0.31).collect();
         let blocks = vec![Block { is_good: true, is_compared: true, restarts: false }; 400];
-        let found = dequantise(&counts, &path, &blocks, 0.01);
+        let found = dequantise(&counts, &path, &blocks, 0.01, 0.5);
         assert_eq!(found.contradictions, 0);
         for block in 100..400 {
             let nodes = crate::measured::nodes(block);

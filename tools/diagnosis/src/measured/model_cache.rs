@@ -112,6 +112,10 @@ impl ModelCache {
         let matches: Vec<bool> = kept.iter().map(|other| run.is_of_unit(other)).collect();
         let mut is_used = vec![false; kept.len()];
         run.channels = std::array::from_fn(|channel| {
+            let is_empty = channel != TIMING && channel >= run.gyros.len();
+            if is_empty {
+                return Some(Arc::default());
+            }
             let has = |place: &usize| {
                 matches[*place] && (channel == TIMING || kept[*place].gyros[channel] == run.gyros[channel])
             };

@@ -5,10 +5,10 @@ use std::sync::Arc;
 use geu_calibration::AccumulatedCounts;
 use geu_model::Configuration;
 use geu_model::attitude::RecordedAttitude;
-use geu_model::units::{ORBIT_S, SAMPLE_INTERVAL_S};
+use geu_model::units::ORBIT_S;
 
 use super::model_cache::ModelCache;
-use super::series::ModelRun;
+use super::series::{ModelRun, TIMING};
 use super::{BLOCK, Block, MeasuredData};
 
 /// A motion that has not been recorded.
@@ -25,7 +25,7 @@ impl MeasuredData {
     /// the temperature of the electronics changes as configured.
     pub fn followed_by(&self, planned: PlannedMotion, nominal: &Configuration) -> MeasuredData {
         let PlannedMotion { motion, samples } = planned;
-        let orbit = (ORBIT_S / SAMPLE_INTERVAL_S) as usize;
+        let orbit = (ORBIT_S / self.interval_s()) as usize;
         let last = |celsius: &[f64], period: usize| -> Vec<f64> {
             let last = celsius.get(celsius.len().saturating_sub(period)..).unwrap_or_default();
             last.iter().cycle().take(samples + 1).copied().collect()
@@ -36,17 +36,19 @@ impl MeasuredData {
             [&self.counts.electronics_c, &self.counts.sensor_c].map(|celsius| last(celsius, period));
         if !is_orbit {
             let configured =
-                |node: usize| nominal.electronics.at_c(self.duration_s() + node as f64 * SAMPLE_INTERVAL_S);
+                |node: usize| nominal.electronics.at_c(self.duration_s() + node as f64 * self.interval_s());
             let change = (0..=samples).map(|node| configured(node) - configured(0));
             electronics_c.iter_mut().zip(change).for_each(|(celsius, change)| *celsius += change);
         }
-        let mut counts = AccumulatedCounts::starting_at(self.counts.start_ns);
+        let mut counts = AccumulatedCounts::of_unit(self.gyros(), self.interval_s(), self.counts.start_ns);
         counts.is_received = self.counts.is_received;
+        counts.rounded_to.clone_from(&self.counts.rounded_to);
         (counts.electronics_c, counts.sensor_c) = (electronics_c, sensor_c);
-        counts.accumulated = std::array::from_fn(|_| vec![0.0; samples + 1]);
+        counts.accumulated = vec![vec![0.0; samples + 1]; self.gyros().heads()];
         let of_channel = |channel: usize| {
             let is_good = self.is_usable(channel);
-            (0..samples / BLOCK).map(|number| Block { is_good, is_compared: is_good, restarts: number == 0 }).collect()
+            let count = if self.blocks[channel].is_empty() { 0 } else { samples / BLOCK };
+            (0..count).map(|number| Block { is_good, is_compared: is_good, restarts: number == 0 }).collect()
         };
         MeasuredData {
             counts,
@@ -66,8 +68,9 @@ impl MeasuredData {
     #[must_use]
     pub fn with_counts(&self, run: ModelRun) -> MeasuredData {
         let mut with = self.clone();
-        let [gyros @ .., late] = run.map(Arc::unwrap_or_clone);
-        (with.counts.accumulated, with.late) = (gyros, late);
+        let mut run = run.map(Arc::unwrap_or_clone);
+        with.late = std::mem::take(&mut run[TIMING]);
+        with.counts.accumulated = run.into_iter().take(self.gyros().heads()).collect();
         with
     }
 

@@ -2,10 +2,12 @@
 
 use std::sync::Arc;
 
-/// Number of channels: the accumulated angles of the four gyros, and the ends of their samples.
-pub const CHANNELS: usize = 5;
-/// The channel of the receive times, after those of the gyros.
-pub const TIMING: usize = 4;
+use geu_model::device::MAX_HEADS;
+
+/// The channel of the receive times, after those of the gyros; a unit with fewer gyros leaves channels empty.
+pub const TIMING: usize = MAX_HEADS;
+/// Number of channels: the accumulated angles of the gyros, and the ends of their samples.
+pub const CHANNELS: usize = TIMING + 1;
 /// Unit of the channel of the times: 0.1 ms, so that its values have the magnitude of the angles.
 pub const TIMING_UNIT_S: f64 = 1e-4;
 

@@ -11,21 +11,24 @@
 
 use crate::significance::MEDIAN_OF_NORMAL;
 use geu_calibration::AccumulatedCounts;
-use geu_calibration::transfer::misalignment_matrix;
+use geu_calibration::transfer::sensing_matrix;
 use geu_checks::median;
 use geu_model::Configuration;
 use geu_model::attitude::{AttitudeRow, RecordedAttitude};
 use geu_model::units::{ARCSEC_PER_RAD, SAMPLE_INTERVAL_S};
-use nalgebra::{Matrix3x4, Matrix4x3, UnitQuaternion, Vector3, Vector4};
+use geu_protocol::Gyros;
+use nalgebra::{DVector, Matrix3xX, MatrixXx3, UnitQuaternion, Vector3};
 
 use super::reference_sigma::{ReferenceSigma, with_rounding};
 use super::smoothing::{LineSums, Point, REACH_ROWS, without_rounding};
-use super::{BLOCK_S, TIMING, nodes};
+use super::{BLOCK, TIMING, nodes};
 
-/// Spacing of rows up to which an exact reference is used as it is.
-const MAX_SPACING_S: f64 = 1.2 * SAMPLE_INTERVAL_S;
+/// Spacing of rows up to which an exact reference is used as it is, in intervals of the nodes.
+const MAX_SPACING: f64 = 1.2;
 /// Sigma of a row's angle below which a reference is exact: rounding of the gyros' counts alone shows 0.4.
 const EXACT_ARCSEC: f64 = 0.6;
+/// Size of a count from which its rounding is smoothed out of the motion: a smaller one is less than the noise of a gyro within a block.
+const COARSE_ARCSEC: f64 = 0.5;
 /// A row farther from the smoothed difference, in sigmas, is a glitch.
 const GLITCH_SIGMAS: f64 = 8.0;
 /// Minimum eigenvalue of the normal matrix of the gyros in use: 1 with a gyro along each axis, the square of a misalignment without.
@@ -82,10 +85,15 @@ impl SmoothedReference {
         nominal: &Configuration,
         blocks: usize,
     ) -> (Option<ReferenceSigma>, Option<SmoothedReference>) {
-        let calibrations = nominal.calibrations();
-        let matrix = misalignment_matrix(&calibrations);
+        let matrix = sensing_matrix(nominal);
+        // Two gyros do not show a motion.
+        if inverse(&matrix, counts.gyros.with_mask(0)).is_none() {
+            return (None, None);
+        }
         let turned = rotation(counts, reference, &matrix, nominal);
-        let turned = without_rounding(&turned);
+        let is_coarse = counts.rounded_to.iter().all(|count| *count >= COARSE_ARCSEC);
+        let turned = if is_coarse { without_rounding(&turned) } else { turned };
+        let block_s = BLOCK as f64 * counts.interval_s;
         let attitudes = attitudes(&turned);
         let Some(mut rows) = rows(counts, &turned, &attitudes, reference, sigma_arcsec) else { return (None, None) };
         let scale = Vector3::from_fn(|axis, _| second_difference_sigma(&rows, axis));
@@ -95,11 +103,13 @@ impl SmoothedReference {
         let mut spacings: Vec<f64> = rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
         let spacing_s = median(&mut spacings);
         let has_gaps = !reference.gaps_s().is_empty();
-        let is_exact = largest < EXACT_ARCSEC && spacing_s <= MAX_SPACING_S && !has_gaps;
+        // Where the gyros are noisier than the reference may be, their difference does not show its noise.
+        let is_exact =
+            (largest < EXACT_ARCSEC || !is_coarse) && spacing_s <= MAX_SPACING * counts.interval_s && !has_gaps;
         if is_exact || rows.len() <= 2 * REACH_ROWS {
             return (stated, None);
         }
-        smooth(&mut rows, None);
+        smooth(&mut rows, None, block_s);
         let scatter: [f64; 3] = std::array::from_fn(|axis| {
             let mut sizes: Vec<f64> = rows.iter().map(|row| row.departure()[axis].abs() / row.sigma[axis]).collect();
             median(&mut sizes) / MEDIAN_OF_NORMAL
@@ -109,7 +119,7 @@ impl SmoothedReference {
             let limit = |axis: usize| GLITCH_SIGMAS * (scatter[axis] * row.sigma[axis]).max(EXACT_ARCSEC);
             row.is_used = (0..3).all(|axis| departure[axis].abs() <= limit(axis));
         }
-        smooth(&mut rows, Some(scale));
+        smooth(&mut rows, Some(scale), block_s);
         let ones = Vector3::repeat(1.0);
         let mean = mean_weights(rows.iter().filter(|row| row.is_used)).unwrap_or(ones);
         let sigma_arcsec = scale.component_div(&mean.map(f64::sqrt));
@@ -130,11 +140,12 @@ impl SmoothedReference {
         let relative: Vec<Vector3<f64>> = counts.node_s.iter().copied().map(relative).collect();
         let smoothed = attitudes.iter().zip(relative).map(|(gyros, relative)| turn(relative) * gyros);
         let angles = accumulated(smoothed);
-        let scale_factors = calibrations.map(|calibration| calibration.scale_factor);
+        let scale_factors: Vec<f64> = nominal.gyros.iter().map(|gyro| gyro.calibration.scale_factor).collect();
+        let scale_factors = &scale_factors[..];
         let smoothed = recorded(&counts.node_s, &angles, reference).map(|motion| SmoothedReference {
             motion,
             departure: departures(&rows, &counts.node_s, blocks, &matrix, scale_factors),
-            walk: walk(&angles, &variances, &matrix, scale_factors, sigma_arcsec * (spacing_s / BLOCK_S).sqrt()),
+            walk: walk(&angles, &variances, &matrix, scale_factors, sigma_arcsec * (spacing_s / block_s).sqrt()),
             white_scale: white_scale(&variances, &matrix, sigma_arcsec),
             glitches_s: rows.iter().filter(|row| !row.is_used).map(|row| row.t_s).collect(),
         });
@@ -203,25 +214,29 @@ fn rows(
 fn walk(
     angles: &[Vector3<f64>],
     relative: &[Vector3<f64>],
-    matrix: &Matrix4x3<f64>,
-    scale_factors: [f64; TIMING],
+    matrix: &MatrixXx3<f64>,
+    scale_factors: &[f64],
     sigma_arcsec: Vector3<f64>,
 ) -> [Vec<Vector3<f64>>; TIMING] {
     std::array::from_fn(|gyro| {
+        let Some(scale_factor) = scale_factors.get(gyro) else { return Vec::new() };
         let axis = matrix.row(gyro).transpose();
         let of_block = |block: usize| {
             let nodes = nodes(block);
             let turn_rad = (angles[nodes.end - 1] - angles[nodes.start - 1]) / ARCSEC_PER_RAD;
             let sigma_arcsec = sigma_arcsec.component_mul(&relative[block].map(f64::sqrt));
-            axis.cross(&turn_rad).component_mul(&sigma_arcsec) / scale_factors[gyro]
+            axis.cross(&turn_rad).component_mul(&sigma_arcsec) / *scale_factor
         };
         (0..relative.len()).map(of_block).collect()
     })
 }
 
 /// Variance of the noise of the reference about each gyro's axis in each block, relative to that of rows of the mean weight.
-fn white_scale(relative: &[Vector3<f64>], matrix: &Matrix4x3<f64>, sigma_arcsec: Vector3<f64>) -> [Vec<f64>; TIMING] {
+fn white_scale(relative: &[Vector3<f64>], matrix: &MatrixXx3<f64>, sigma_arcsec: Vector3<f64>) -> [Vec<f64>; TIMING] {
     std::array::from_fn(|gyro| {
+        if gyro >= matrix.nrows() {
+            return Vec::new();
+        }
         let shares = matrix.row(gyro).transpose().component_mul(&sigma_arcsec).map(|share| share * share);
         let of_block = |own: &Vector3<f64>| if shares.sum() > 0.0 { own.dot(&shares) / shares.sum() } else { 1.0 };
         relative.iter().map(of_block).collect()
@@ -233,32 +248,34 @@ fn white_scale(relative: &[Vector3<f64>], matrix: &Matrix4x3<f64>, sigma_arcsec:
 fn rotation(
     counts: &AccumulatedCounts,
     reference: &RecordedAttitude,
-    matrix: &Matrix4x3<f64>,
+    matrix: &MatrixXx3<f64>,
     nominal: &Configuration,
 ) -> Vec<Vector3<f64>> {
-    let mut is_broken = vec![[false; TIMING]; counts.node_s.len()];
+    let none = counts.gyros.with_mask(0);
+    let mut is_broken = vec![none; counts.node_s.len()];
     for found in &counts.breaks {
         for node in is_broken.iter_mut().take(found.to + 1).skip(found.from + 1) {
-            node.iter_mut().zip(found.gyros).for_each(|(node, gyro)| *node |= gyro);
+            *node = node.and(found.gyros);
         }
     }
-    let all = inverse(matrix, [false; TIMING]);
+    let all = inverse(matrix, none);
     let (mut near, mut sum) = (0, Vector3::zeros());
     let mut before = Vector3::from(reference.at(counts.node_s[0], &mut near).0);
     let mut of_node = |node: usize| {
         let now = Vector3::from(reference.at(counts.node_s[node], &mut near).0);
         if node > 0 {
             let moved = now - before;
-            let without = if is_broken[node] == [false; TIMING] { all } else { inverse(matrix, is_broken[node]) };
-            let sensed = Vector4::from_fn(|gyro, _| {
+            let without = if is_broken[node].is_empty() { all.clone() } else { inverse(matrix, is_broken[node]) };
+            let sensed = DVector::from_fn(matrix.nrows(), |gyro, _| {
                 if is_broken[node][gyro] && without.is_none() {
                     return (matrix.row(gyro) * moved)[0];
                 }
                 let calibration = &nominal.gyros[gyro].calibration;
                 let increment = counts.accumulated[gyro][node] - counts.accumulated[gyro][node - 1];
-                increment * calibration.scale_factor + calibration.drift_arcsec_per_half_s
+                increment * calibration.scale_factor
+                    + calibration.drift_arcsec_per_half_s * (counts.interval_s / SAMPLE_INTERVAL_S)
             });
-            sum += without.or(all).map_or(moved, |inverse| inverse * sensed);
+            sum += without.as_ref().or(all.as_ref()).map_or(moved, |inverse| inverse * sensed);
         }
         before = now;
         sum
@@ -268,10 +285,10 @@ fn rotation(
 
 /// Rotation from sensed angles by least squares, without broken gyros; `None` if the others do not determine it, or only by their
 /// misalignments.
-fn inverse(matrix: &Matrix4x3<f64>, is_broken: [bool; TIMING]) -> Option<Matrix3x4<f64>> {
-    let mut used = *matrix;
-    (0..TIMING).filter(|&gyro| is_broken[gyro]).for_each(|gyro| used.row_mut(gyro).fill(0.0));
-    let normal = used.transpose() * used;
+fn inverse(matrix: &MatrixXx3<f64>, is_broken: Gyros) -> Option<Matrix3xX<f64>> {
+    let mut used = matrix.clone();
+    (0..used.nrows()).filter(|&gyro| is_broken[gyro]).for_each(|gyro| used.row_mut(gyro).fill(0.0));
+    let normal = used.transpose() * &used;
     let is_determined = normal.symmetric_eigenvalues().min() > MIN_EIGENVALUE;
     is_determined.then_some(normal.try_inverse()? * used.transpose())
 }
@@ -305,11 +322,11 @@ fn second_difference_sigma(rows: &[Row], axis: usize) -> f64 {
 
 /// Smooths the relative attitude by straight lines through the neighbours of each row; the reach of the lines follows from the noise of a
 /// row, or is the shortest one.
-fn smooth(rows: &mut [Row], sigma_arcsec: Option<Vector3<f64>>) {
+fn smooth(rows: &mut [Row], sigma_arcsec: Option<Vector3<f64>>, block_s: f64) {
     let used = rows.iter().filter(|row| row.is_used);
     let points =
         used.map(|row| Point { t_s: row.t_s, value: row.relative_arcsec, weight: 3.0 / row.sigma.norm_squared() });
-    let sums = LineSums::new(points);
+    let sums = LineSums::new(points, block_s);
     for row in rows {
         row.smooth_arcsec = sums.smooth(row.t_s, sigma_arcsec);
     }
@@ -333,15 +350,17 @@ fn departures(
     rows: &[Row],
     node_s: &[f64],
     blocks: usize,
-    matrix: &Matrix4x3<f64>,
-    scale_factors: [f64; TIMING],
+    matrix: &MatrixXx3<f64>,
+    scale_factors: &[f64],
 ) -> Vec<Option<[f64; TIMING]>> {
     let departure = |block: usize| {
         let own = of_block(rows, node_s, block);
         let weight = mean_weights(own.clone())? * own.clone().count() as f64;
         let weighted = own.map(|row| row.departure().component_mul(&row.weights())).sum::<Vector3<f64>>();
         let sensed = matrix * weighted.component_div(&weight);
-        Some(std::array::from_fn(|gyro| sensed[gyro] / scale_factors[gyro]))
+        Some(std::array::from_fn(|gyro| {
+            scale_factors.get(gyro).map_or(0.0, |scale_factor| sensed[gyro] / scale_factor)
+        }))
     };
     (0..blocks).map(departure).collect()
 }
@@ -362,11 +381,11 @@ mod tests {
             is_used: true,
         };
         let mut rows: Vec<Row> = (0..25).map(row).collect();
-        smooth(&mut rows, None);
+        smooth(&mut rows, None, 5.0);
         // A 900th of the weight of each of 24.
         assert!(rows.iter().all(|row| row.smooth_arcsec.amax() < 90.0 / 900.0 / 24.0 * 1.1));
         let node_s: Vec<f64> = (0..=40).map(|node| f64::from(node) * SAMPLE_INTERVAL_S).collect();
-        let departures = departures(&rows, &node_s, 4, &Matrix4x3::repeat(1.0 / 3.0), [1.0; TIMING]);
+        let departures = departures(&rows, &node_s, 4, &MatrixXx3::repeat(4, 1.0 / 3.0), &[1.0; 4]);
         assert!(departures[2].expect("rows")[0].abs() < 90.0 / 900.0 / 4.0 * 1.1);
     }
 }

@@ -16,7 +16,7 @@ use crate::search::{Candidate, passes_cross_validation, search};
 use crate::signature_bank::SignatureBank;
 use crate::significance::{THREE_SIGMA_CHI2, THREE_SIGMAS};
 use geu_hypothesis::Hypothesis;
-use geu_hypothesis::gyros::{Gyros, only};
+use geu_protocol::Gyros;
 
 use super::noise::drift_noise_fall;
 use super::selected::{MAX_PER_GYRO, RejectedHypothesis, SelectedModel};
@@ -33,7 +33,7 @@ const FEW_SAMPLES: f64 = 3.0;
 pub(super) fn negligible(case: &DiagnosisCase, state: &ModelState, normal: &NormalEquations) -> f64 {
     let calibration = &case.nuisances[..case.nuisances.len() - 1];
     let start = case.residual(&case.start(state.noise));
-    let without = NormalEquations::new(case.whitenings(&state.noise), &start, calibration, &[]);
+    let without = NormalEquations::new(case.whitenings(&state.noise), &start, calibration, &case.a_priori(&[]));
     NEGLIGIBLE * (without.chi2() - normal.chi2())
 }
 
@@ -47,7 +47,7 @@ impl SelectedModel {
     pub fn is_doubtful(&self, case: &DiagnosisCase, formulas: &SignatureBank, thresholds: &Thresholds) -> bool {
         let held = &self.state.held;
         let has_several = |gyro: usize| held.iter().filter(|held| held.hypothesis.gyros[gyro]).count() > 1;
-        if self.is_noisy(case.nominal) || (0..TIMING).any(has_several) {
+        if self.is_noisy() || (0..TIMING).any(has_several) {
             return true;
         }
         let margin = |state: &ModelState, normal: &NormalEquations| {
@@ -62,15 +62,15 @@ impl SelectedModel {
     }
 
     /// True if the drift of any of these gyros walks or flickers by more than configured.
-    fn has_larger_drift_noise(&self, nominal: &Configuration, gyros: &Gyros) -> bool {
+    fn has_larger_drift_noise(&self, gyros: &Gyros) -> bool {
         self.noise.iter().any(|found| {
             let is_of_drift = matches!(found.walk, Walk::Rate | Walk::Flicker);
-            is_of_drift && gyros.get(found.channel) == Some(&true) && found.is_significant(nominal, &self.state)
+            is_of_drift && gyros[found.channel] && found.is_significant(&self.state)
         })
     }
 
-    fn is_noisy(&self, nominal: &Configuration) -> bool {
-        self.noise.iter().any(|found| found.is_significant(nominal, &self.state))
+    fn is_noisy(&self) -> bool {
+        self.noise.iter().any(|found| found.is_significant(&self.state))
     }
 
     pub(super) fn negligible(&self, case: &DiagnosisCase) -> f64 {
@@ -106,14 +106,17 @@ impl SelectedModel {
     /// larger noise; or two on this gyro alone, if one is a formula or not predicted by the other thirds. A hypothesis on several gyros has the
     /// evidence of the others.
     pub fn overfitted_gyros(&self, nominal: &Configuration) -> Gyros {
-        std::array::from_fn(|gyro| {
+        nominal.device.all_gyros().filter(|gyro| {
             if self.rejected.is_some_and(|rejected| rejected.gyros[gyro]) {
                 return true;
             }
             let count = self.on(gyro).count();
-            let is_noisy =
-                self.noise.iter().any(|found| found.channel == gyro && found.is_significant(nominal, &self.state));
-            let alone = || self.on(gyro).map(|(_, held)| held).filter(|held| held.hypothesis.gyros == only(gyro));
+            let is_noisy = self.noise.iter().any(|found| found.channel == gyro && found.is_significant(&self.state));
+            let alone = || {
+                self.on(gyro)
+                    .map(|(_, held)| held)
+                    .filter(|held| held.hypothesis.gyros == held.hypothesis.gyros.only(gyro))
+            };
             let is_doubtful = |held: &FittedHypothesis| {
                 // Between two motions the amplitude of what settles and its time constant are one number.
                 let parameters = held.hypothesis.parameters();
@@ -134,14 +137,16 @@ impl SelectedModel {
             let amplitude = held.hypothesis.amplitude.constant();
             amplitude.filters_motion() && bank.bases.iter().any(|base| base.amplitude == amplitude && !base.is_linear)
         };
-        std::array::from_fn(|gyro| self.on(gyro).count() > 1 && self.on(gyro).any(|(_, held)| is_nonlinear(held)))
+        let all = bank.gyros();
+        all.filter(|gyro| self.on(gyro).count() > 1 && self.on(gyro).any(|(_, held)| is_nonlinear(held)))
     }
 
     /// Gyros of which the residual follows a variable of the residual map, which noise does not; by more than the errors of the hypotheses.
     pub fn following_variables(&self, case: &DiagnosisCase) -> Gyros {
         let [map] = residual_maps(case, &self.state.noise, [&case.run(&self.state)], &[]);
         let limit = self.negligible(case).sqrt().max(SIGNIFICANT);
-        std::array::from_fn(|gyro| strongest(&map.whole[gyro]).is_some_and(|(_, sigmas)| sigmas.abs() > limit))
+        let follows = |gyro: usize| strongest(&map.whole[gyro]).is_some_and(|(_, sigmas)| sigmas.abs() > limit);
+        case.measured.gyros().filter(follows)
     }
 
     /// Rejects a candidate, beside those rejected on other gyros: the score with all of them, with the white noise fitted without. Where
@@ -155,19 +160,20 @@ impl SelectedModel {
         candidate: &Candidate,
     ) {
         let weights = &case.measured.weights;
-        if candidate.hypothesis.gyros.iter().zip(weights).any(|(is_own, weights)| *is_own && weights.is_some()) {
+        if (0..TIMING).any(|gyro| candidate.hypothesis.gyros[gyro] && weights[gyro].is_some()) {
             return;
         }
         let noise = self.fitted_white(case);
         let (residual, columns) = case.linearised(&mut self.state);
-        let normal = NormalEquations::new(case.whitenings(&noise), &residual, &columns, &self.state.calibration);
+        let normal =
+            NormalEquations::new(case.whitenings(&noise), &residual, &columns, &case.a_priori(&self.state.calibration));
         let gain = normal.gain(&candidate.spot.signature(bank, &normal).products).map_or(0.0, |gain| gain.chi2);
         let margin = gain - thresholds.penalty(candidate.family, &candidate.hypothesis);
         let before = self.rejected.unwrap_or_else(|| RejectedHypothesis {
-            gyros: [false; TIMING],
+            gyros: case.measured.gyros().with_mask(0),
             score: self.score_with(case, thresholds, &noise),
         });
-        let gyros = std::array::from_fn(|gyro| before.gyros[gyro] || candidate.hypothesis.gyros[gyro]);
+        let gyros = before.gyros.and(candidate.hypothesis.gyros);
         self.rejected = Some(RejectedHypothesis { gyros, score: before.score - margin });
     }
 
@@ -184,7 +190,7 @@ impl SelectedModel {
     /// growth the penalty is too low: then a hypothesis must also be better than a walk or flicker in its place, and a drift beside a larger
     /// noise of the drift must exceed three thresholds. Returns true if one was removed.
     pub fn prune(&mut self, case: &DiagnosisCase, thresholds: &Thresholds) -> bool {
-        let is_noisy = self.is_noisy(case.nominal);
+        let is_noisy = self.is_noisy();
         let count = self.state.held.len();
         while !self.state.held.is_empty() {
             let noise = self.fitted_white(case);
@@ -195,7 +201,7 @@ impl SelectedModel {
                 let hypothesis = &self.state.held[index].hypothesis;
                 let walk = if is_noisy { drift_noise_fall(case, &mut others.state, hypothesis) } else { 0.0 };
                 let noise = others.fitted_white(case);
-                let is_uncertain = is_drift(hypothesis) && self.has_larger_drift_noise(case.nominal, &hypothesis.gyros);
+                let is_uncertain = is_drift(hypothesis) && self.has_larger_drift_noise(&hypothesis.gyros);
                 let threshold = if is_uncertain { FEW_SAMPLES * chi2.threshold } else { chi2.threshold };
                 let margin = (chi2.fall - threshold).min(others.score_with(case, thresholds, &noise) - score);
                 (margin - walk, others)

@@ -102,7 +102,7 @@ pub(super) fn fitted(
     let held = &tried.held[last];
     let fall = normal.squares() - tried_normal.squares() - penalty;
     let is_searched = held.hypothesis.value > candidate.unsearched;
-    let is_accepted = is_predicted(&held.held_out) && is_possible(held) && is_searched;
+    let is_accepted = is_predicted(&held.held_out) && is_possible(held, case.measured.block_s()) && is_searched;
     is_accepted.then_some((fall, tried, tried_normal))
 }
 

@@ -12,6 +12,7 @@ use crate::null_distribution::Thresholds;
 use crate::signature_bank::HypothesisFamily;
 use crate::whitening::NoiseModel;
 use geu_hypothesis::Hypothesis;
+use geu_protocol::Gyros;
 
 use super::selected::{FURTHER_WALK_CHI2, IdentifiedNoise, SelectedModel};
 
@@ -21,7 +22,7 @@ type KnownWalks = BTreeMap<(usize, Walk), Option<IdentifiedNoise>>;
 impl SelectedModel {
     /// Accepts walks above their configured growth, the likeliest first, as long as they exceed their threshold.
     pub(super) fn free_noise(&mut self, case: &DiagnosisCase, thresholds: &Thresholds) {
-        let walks: Vec<(usize, Walk)> = (0..TIMING)
+        let walks: Vec<(usize, Walk)> = (0..case.measured.gyros().heads())
             .flat_map(|channel| Walk::ALL.map(|walk| (channel, walk)))
             .chain([(TIMING, Walk::Angle)])
             .collect();
@@ -40,7 +41,8 @@ impl SelectedModel {
         }
         // Walks that exceed the threshold only together.
         for walk in [Walk::Rate, Walk::Angle, Walk::Scale, Walk::Flicker] {
-            let larger = self.larger_walks(case, &[0, 1, 2, 3].map(|gyro| (gyro, walk)), &mut known);
+            let of_gyros: Vec<(usize, Walk)> = (0..case.measured.gyros().heads()).map(|gyro| (gyro, walk)).collect();
+            let larger = self.larger_walks(case, &of_gyros, &mut known);
             let fall: f64 = larger.iter().map(|found| found.fitted.fall).sum();
             let further = FURTHER_WALK_CHI2 * larger.len().saturating_sub(1) as f64;
             if larger.len() > 1 && fall > threshold + further {
@@ -68,7 +70,7 @@ impl SelectedModel {
             let before = &self.state.noise[channel];
             let fitted = noise::fit(case, channel, before, walk, &residual, &nuisances);
             let is_larger = fitted.noise.walk(walk) > before.walk(walk) && fitted.fall > negligible[channel];
-            ((channel, walk), is_larger.then_some(IdentifiedNoise { channel, walk, fitted }))
+            ((channel, walk), is_larger.then_some(IdentifiedNoise { channel, walk, before: before.walk(walk), fitted }))
         };
         let unknown = open.par_iter().filter(|own| !known.contains_key(own) && case.measured.is_usable(own.0));
         let fitted: Vec<_> = unknown.map(fit).collect();
@@ -91,13 +93,13 @@ impl SelectedModel {
     }
 
     /// Resets the walks of these gyros to their configured growth.
-    pub fn reset_noise(&mut self, case: &DiagnosisCase, gyros: &[bool; 4]) {
+    pub fn reset_noise(&mut self, case: &DiagnosisCase, gyros: &Gyros) {
         let (reset, kept): (Vec<IdentifiedNoise>, _) =
-            self.noise.iter().partition(|found| gyros.get(found.channel) == Some(&true));
+            self.noise.iter().partition(|found| found.channel != TIMING && gyros[found.channel]);
         self.noise = kept;
         for found in &reset {
             let noise = &mut self.state.noise[found.channel];
-            *noise = noise.with(found.walk, found.configured(case.nominal));
+            *noise = noise.with(found.walk, found.before);
         }
         if !reset.is_empty() {
             self.normal = case.fit(&mut self.state);
@@ -115,5 +117,5 @@ pub(super) fn drift_noise_fall(case: &DiagnosisCase, state: &mut ModelState, hyp
         let of_walk = |walk| noise::fit(case, channel, &state.noise[channel], walk, &residual, &nuisances).fall;
         [Walk::Rate, Walk::Flicker].into_iter().map(of_walk).fold(0.0, f64::max)
     };
-    (0..TIMING).filter(|&channel| hypothesis.gyros[channel]).map(of_channel).sum()
+    hypothesis.gyros.gyros().map(|gyro| of_channel(gyro.index())).sum()
 }

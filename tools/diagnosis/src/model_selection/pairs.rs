@@ -10,7 +10,7 @@ use crate::significance::TWO_SIGMA_CHI2;
 use crate::spots::Spot;
 use crate::whiteness::whiteness_statistic;
 use geu_hypothesis::amplitude::AmplitudeRef;
-use geu_hypothesis::gyros::{ALL_GYROS, Gyros, overlap};
+use geu_protocol::Gyros;
 
 use super::candidate_fit::{FITTED, NEAR_CHI2, best_fit, fitted};
 use super::selected::{SelectedModel, SelectionStep};
@@ -27,22 +27,22 @@ const SUSPECT: f64 = 1.0;
 /// with a residual that is no noise.
 pub(super) fn likeliest_pair(searches: &Searches, selected: &SelectedModel, per_gyro: usize) -> Option<SelectedModel> {
     let mut now = selected.clone();
-    now.reset_noise(searches.case, &[true; TIMING]);
+    now.reset_noise(searches.case, &searches.bank.gyros());
     let held = &now.state.held;
     let (_, channels) = whiteness_statistic(&now.normal.projected_residual());
     let is_noisy = |gyro: usize| {
         let limit = searches.thresholds.whiteness_statistic;
         channels[gyro] > limit || selected.noise.iter().any(|found| found.channel == gyro)
     };
-    let noisy: Gyros = std::array::from_fn(is_noisy);
+    let noisy: Gyros = searches.bank.gyros().filter(is_noisy);
     let gyros = |index: usize| held[index].hypothesis.gyros;
-    let beside_all = noisy.contains(&true).then_some((Vec::new(), noisy));
+    let beside_all = (!noisy.is_empty()).then_some((Vec::new(), noisy));
     let is_suspect = |index: &usize| {
         let departs = (0..TIMING).any(|gyro| gyros(*index)[gyro] && channels[gyro] > SUSPECT);
-        held.len() > 1 || noisy.contains(&true) || departs
+        held.len() > 1 || !noisy.is_empty() || departs
     };
     let in_place_of_one = (0..held.len()).filter(is_suspect).map(|index| (vec![index], gyros(index)));
-    let both = |[one, other]: [usize; 2]| std::array::from_fn(|gyro| gyros(one)[gyro] || gyros(other)[gyro]);
+    let both = |[one, other]: [usize; 2]| gyros(one).and(gyros(other));
     let in_place_of_two = now.overlapping_pairs().map(|two| (Vec::from(two), both(two)));
     let places = beside_all.into_iter().chain(in_place_of_one).chain(in_place_of_two);
     let places = places.filter(|(replaced, _)| held.len() + 2 - replaced.len() <= MAX_EFFECTS);
@@ -70,25 +70,25 @@ fn pair_in_place_of(
         let mut columns = columns.clone();
         columns.push(first.nuisance(&bank));
         let noise = case.whitenings(&base.state.noise);
-        let normal = NormalEquations::new(noise, &residual, &columns, &base.state.calibration);
+        let normal = NormalEquations::new(noise, &residual, &columns, &searches.case.a_priori(&base.state.calibration));
         let mut beside = base.state.clone();
         beside.held.push(FittedHypothesis::fixed(first.hypothesis(&bank)));
-        let gyros = if replaced.len() > 1 && *gyros != ALL_GYROS { gyros } else { &first.gyros };
+        let gyros = if replaced.len() > 1 && !gyros.is_all() { gyros } else { &first.gyros };
         let second = best_spots(&bank, &normal, &beside, Some(thresholds), gyros).into_iter().next()?;
         Some(score(first) + score(&second))
     };
     let amplitudes: Vec<AmplitudeRef> =
         replaced.iter().map(|&index| now.state.held[index].hypothesis.amplitude).collect();
-    let mut firsts = best_spots(&bank, &base.normal, &base.state, Some(thresholds), &ALL_GYROS);
+    let mut firsts = best_spots(&bank, &base.normal, &base.state, Some(thresholds), &bank.gyros());
     let [mut kept, mut shapeless] = [0; 2];
     firsts.retain(|spot| {
-        if !overlap(&spot.gyros, gyros) || matches!(spot.variation, Variation::Onset { .. }) {
+        if !spot.gyros.overlaps(gyros) || matches!(spot.variation, Variation::Onset { .. }) {
             return false;
         }
         let is_shapeless = spot.hypothesis(&bank).course_shapes.is_empty();
         kept += 1;
         shapeless += usize::from(is_shapeless);
-        let is_of_all = spot.gyros == ALL_GYROS && amplitudes.contains(&spot.amplitude(&bank));
+        let is_of_all = spot.gyros.is_all() && amplitudes.contains(&spot.amplitude(&bank));
         kept <= FIRST || is_shapeless && shapeless <= FIRST || is_of_all
     });
     let required = base.penalised_chi2() - now.penalised_chi2() - NEAR_CHI2;

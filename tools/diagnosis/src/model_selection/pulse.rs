@@ -40,7 +40,8 @@ pub(super) fn joined(searches: &Searches, now: &SelectedModel, two: [usize; 2]) 
         joined.state.held[last].held_out = case.cross_validate(&joined.state, last);
         let held = &joined.state.held[last];
         let is_likelier = joined.penalised_chi2() < now.penalised_chi2() - TWO_SIGMA_CHI2;
-        (is_likelier && is_possible(held) && passes_cross_validation(&held.held_out)).then_some(joined)
+        (is_likelier && is_possible(held, case.measured.block_s()) && passes_cross_validation(&held.held_out))
+            .then_some(joined)
     };
     let pulses = two.into_iter().filter_map(pulse);
     pulses.min_by(|one, other| one.penalised_chi2().total_cmp(&other.penalised_chi2()))

@@ -6,7 +6,6 @@ use rayon::prelude::*;
 use crate::courses::shortest_s;
 use crate::diagnosis_case::DiagnosisCase;
 use crate::fitted_hypothesis::FittedHypothesis;
-use crate::measured::TIMING;
 use crate::model_state::ModelState;
 use crate::normal_equations::{NormalEquations, THIRDS};
 use crate::null_distribution::Thresholds;
@@ -14,16 +13,15 @@ use crate::search::passes_cross_validation;
 use crate::signature_bank::SignatureBank;
 use crate::significance::{FOUR_SIGMAS, THREE_SIGMAS, TWO_SIGMA_CHI2};
 use crate::temperature_lag::{LaggedFit, likeliest};
-use geu_hypothesis::gyros::{ALL_GYROS, only};
 
 use super::selected::SelectedModel;
 
 /// A shape parameter with a default is fitted if χ² falls by [`TWO_SIGMA_CHI2`], or if its relative sigma is below this.
 const SHAPE_SIGMA: f64 = 0.2;
-/// First shift of an onset in the search for its limits, s.
-const ONSET_S: f64 = 10.0;
-/// Largest shift of an onset, s.
-const MAX_ONSET_S: f64 = 2000.0;
+/// First shift of an onset in the search for its limits, blocks.
+const ONSET: f64 = 2.0;
+/// Largest shift of an onset, blocks.
+const MAX_ONSET: f64 = 400.0;
 
 /// Fits a state. The amplitude of a last hypothesis that settles between two motions and its onset are one number, and so are that of a wave
 /// longer than the recording and its period: then onset or period stay.
@@ -49,14 +47,15 @@ fn is_determined(held: &FittedHypothesis) -> bool {
 
 /// True if the parameters are within their limits, the amplitude exceeds its sigma, a number of counts is whole, and a course neither
 /// settles nor ends faster than any that is searched.
-pub(super) fn is_possible(held: &FittedHypothesis) -> bool {
+pub(super) fn is_possible(held: &FittedHypothesis, block_s: f64) -> bool {
     let size = &held.hypothesis.parameters()[0];
     let is_whole = size.role != Role::Count || {
         let off = (size.value - size.value.round()).abs();
         size.value.round() != 0.0 && off <= FOUR_SIGMAS * held.sigmas[0].max(0.01)
     };
     let mut shapes = held.hypothesis.amplitude.course_shapes().iter().zip(&held.hypothesis.course_shapes);
-    let is_slow = shapes.all(|(number, value)| shortest_s(number.role).is_none_or(|shortest_s| *value >= shortest_s));
+    let is_slow =
+        shapes.all(|(number, value)| shortest_s(number.role, block_s).is_none_or(|shortest_s| *value >= shortest_s));
     is_whole && is_slow && is_determined(held) && held.hypothesis.is_within_limits() && held.sigmas[0].is_finite()
 }
 
@@ -72,7 +71,7 @@ impl SelectedModel {
             let held_out = &late.held().held_out;
             // A hypothesis that follows the temperature already must predict the thirds better with the lag.
             let is_better = !last.follows_temperature() || prediction(held_out) > prediction(&last.held_out);
-            passes_cross_validation(held_out) && is_better && is_possible(late.held())
+            passes_cross_validation(held_out) && is_better && is_possible(late.held(), case.measured.block_s())
         };
         let (index, penalty) = (self.state.held.len() - 1, |family, own: &_| thresholds.penalty(family, own));
         let Some(late) = likeliest(case, bank, &self.state, index, &penalty, &is_accepted) else { return };
@@ -93,7 +92,9 @@ impl SelectedModel {
         let both = self.normal.squares() + last.penalty + others[index].penalty;
         let mut single = self.state.clone();
         single.held.pop();
-        let is_accepted = |late: &LaggedFit| passes_cross_validation(&late.held().held_out) && is_possible(late.held());
+        let is_accepted = |late: &LaggedFit| {
+            passes_cross_validation(&late.held().held_out) && is_possible(late.held(), case.measured.block_s())
+        };
         let penalty = |family, own: &_| thresholds.penalty(family, own);
         let Some(late) = likeliest(case, bank, &single, index, &penalty, &is_accepted) else { return };
         if late.score() < both {
@@ -127,7 +128,7 @@ impl SelectedModel {
             let own = &tried.held[last];
             let is_determined = own.sigmas[index] < SHAPE_SIGMA * own.hypothesis.parameters()[index].value.abs();
             let fall = self.normal.squares() - normal.squares();
-            if is_possible(own) && (fall > TWO_SIGMA_CHI2 || fall >= 0.0 && is_determined) {
+            if is_possible(own, case.measured.block_s()) && (fall > TWO_SIGMA_CHI2 || fall >= 0.0 && is_determined) {
                 (self.state, self.normal) = (tried, normal);
             }
         }
@@ -138,17 +139,17 @@ impl SelectedModel {
     pub fn leave_out_gyros(&mut self, case: &DiagnosisCase) {
         for index in 0..self.state.held.len() {
             let hypothesis = &self.state.held[index].hypothesis;
-            if hypothesis.amplitude.is_of_unit() || hypothesis.gyros != ALL_GYROS {
+            if hypothesis.amplitude.is_of_unit() || !hypothesis.gyros.is_all() {
                 continue;
             }
             let on = |gyro: usize| {
                 let mut state = self.state.clone();
-                state.held[index].hypothesis.gyros = only(gyro);
+                state.held[index].hypothesis.gyros = case.measured.gyros().only(gyro);
                 state.held[index].invalidate();
                 let normal = case.fit(&mut state);
-                is_possible(&state.held[index]).then_some((state, normal))
+                is_possible(&state.held[index], case.measured.block_s()).then_some((state, normal))
             };
-            let alone = (0..TIMING).into_par_iter().filter_map(on);
+            let alone = (0..case.measured.gyros().heads()).into_par_iter().filter_map(on);
             let best = alone.min_by(|one, other| one.1.squares().total_cmp(&other.1.squares()));
             let is_equal = |normal: &NormalEquations| normal.squares() < self.normal.squares() + TWO_SIGMA_CHI2;
             if let Some((state, normal)) = best.filter(|(_, normal)| is_equal(normal)) {
@@ -160,6 +161,7 @@ impl SelectedModel {
     /// Moves each onset to the middle of the interval in which χ² is nearly minimal, with the sigma of a uniform distribution over it:
     /// between two motions all onsets are equally likely.
     pub fn widen_onsets(&mut self, case: &DiagnosisCase) {
+        let block_s = case.measured.block_s();
         for index in 0..self.state.held.len() {
             let parameters = self.state.held[index].hypothesis.parameters();
             let Some(place) = parameters.iter().position(|parameter| parameter.role == Role::Onset) else { continue };
@@ -175,8 +177,8 @@ impl SelectedModel {
                 (normal.chi2() - min, state)
             };
             let limit_s = |sign: f64| {
-                let (mut inside, mut outside) = (0.0, ONSET_S);
-                while moved(sign * outside).0 <= TWO_SIGMA_CHI2 && outside < MAX_ONSET_S {
+                let (mut inside, mut outside) = (0.0, ONSET * block_s);
+                while moved(sign * outside).0 <= TWO_SIGMA_CHI2 && outside < MAX_ONSET * block_s {
                     (inside, outside) = (outside, 2.0 * outside);
                 }
                 while outside - inside > 0.1 * outside {

@@ -1,6 +1,5 @@
 //! The state of the selection: hypotheses, noise and their normal equations.
 
-use geu_model::Configuration;
 use geu_model::parameter_spec::{ParameterSpec, Role};
 
 use crate::diagnosis_case::DiagnosisCase;
@@ -11,10 +10,10 @@ use crate::noise::{FittedNoise, Walk};
 use crate::normal_equations::NormalEquations;
 use crate::null_distribution::Thresholds;
 use crate::outcome::{Chi2Fall, Correction, DiagnosedEffect};
-use crate::search::{Candidate, is_two_or_three, shape_penalty};
+use crate::search::{Candidate, is_several, shape_penalty};
 use crate::temperature_lag::lag_chi2;
 use crate::whitening::NoiseModel;
-use geu_hypothesis::gyros::{Gyros, is_within, overlap};
+use geu_protocol::Gyros;
 
 /// Maximum number of accepted effects on one gyro. The search adds one more, which marks the gyro as overfitted.
 pub const MAX_PER_GYRO: usize = 3;
@@ -30,24 +29,21 @@ pub struct IdentifiedNoise {
     pub channel: usize,
     /// The walk.
     pub walk: Walk,
+    /// Growth before the fit.
+    pub before: f64,
     /// The fit.
     pub fitted: FittedNoise,
 }
 
 impl IdentifiedNoise {
-    /// Configured growth of the walk.
-    pub fn configured(&self, nominal: &Configuration) -> f64 {
-        self.walk.growth(&nominal.gyros[self.channel].effects.constant)
-    }
-
     /// True for equal walks of gyros: they have one cause.
     pub(super) fn has_one_cause_with(&self, other: &IdentifiedNoise) -> bool {
         self.walk == other.walk && self.channel != TIMING && other.channel != TIMING
     }
 
     /// True if rounding cannot imitate it.
-    pub fn is_significant(&self, nominal: &Configuration, state: &ModelState) -> bool {
-        self.channel != TIMING && state.noise[self.channel].walk(self.walk) >= MIN_WALK * self.configured(nominal)
+    pub fn is_significant(&self, state: &ModelState) -> bool {
+        self.channel != TIMING && state.noise[self.channel].walk(self.walk) >= MIN_WALK * self.before
     }
 }
 
@@ -109,8 +105,8 @@ impl SelectedModel {
             |index: &usize| self.noise[..*index].iter().any(|one| one.has_one_cause_with(&self.noise[*index]));
         let further = (0..self.noise.len()).filter(is_further).count() as f64;
         let walks = (self.noise.len() as f64 - further) * thresholds.largest() + further * FURTHER_WALK_CHI2;
-        let (residual, calibration) = (case.residual(&self.state), &self.state.calibration);
-        let normal = NormalEquations::new(case.whitenings(noise), &residual, &case.nuisances, calibration);
+        let (residual, a_priori) = (case.residual(&self.state), case.a_priori(&self.state.calibration));
+        let normal = NormalEquations::new(case.whitenings(noise), &residual, &case.nuisances, &a_priori);
         normal.deviance() + self.penalties() + walks
     }
 
@@ -160,13 +156,13 @@ impl SelectedModel {
         others
     }
 
-    /// Indices of each two hypotheses that act on a common gyro, or of which one acts on two or three: a cause acts on one or on all.
+    /// Indices of each two hypotheses that act on a common gyro, or of which one acts on several: a cause acts on one or on all.
     pub(super) fn overlapping_pairs(&self) -> impl Iterator<Item = [usize; 2]> {
         let held = &self.state.held;
         let pairs = (0..held.len()).flat_map(|one| (one + 1..held.len()).map(move |other| [one, other]));
         pairs.filter(|two| {
             let [one, other] = two.map(|index| &held[index].hypothesis.gyros);
-            overlap(one, other) || is_two_or_three(one) || is_two_or_three(other)
+            one.overlaps(other) || is_several(one) || is_several(other)
         })
     }
 
@@ -182,7 +178,7 @@ impl SelectedModel {
     pub fn join(&mut self, case: &DiagnosisCase, one: usize, other: usize) {
         let second = self.remove(other);
         let first = &mut self.state.held[one];
-        first.hypothesis.gyros.iter_mut().zip(second.hypothesis.gyros).for_each(|(own, other)| *own |= other);
+        first.hypothesis.gyros = first.hypothesis.gyros.and(second.hypothesis.gyros);
         first.invalidate();
         first.sigmas.fill(f64::NAN);
         first.penalty = first.penalty.max(second.penalty);
@@ -206,7 +202,7 @@ impl SelectedModel {
     pub fn drop_on(&mut self, case: &DiagnosisCase, gyros: &Gyros) {
         for index in (0..self.state.held.len()).rev() {
             let hypothesis = &self.state.held[index].hypothesis;
-            if !hypothesis.amplitude.is_of_unit() && is_within(&hypothesis.gyros, gyros) {
+            if !hypothesis.amplitude.is_of_unit() && hypothesis.gyros.is_within(gyros) {
                 self.remove(index);
             }
         }

@@ -2,7 +2,7 @@
 
 use crate::outcome::{Class, DiagnosedEffect};
 use geu_checks::Finding;
-use geu_hypothesis::gyros::{Gyros, is_within, names};
+use geu_protocol::Gyros;
 
 /// Entries that are not stated, each with the reason.
 pub type Refused = Vec<(DiagnosedEffect, &'static str)>;
@@ -36,7 +36,7 @@ pub fn refuse(
     while let Some((index, reason)) = first_refused(entries, unexplained, &gap, &by_noise) {
         let entry = entries.remove(index);
         if entry.class == Class::MissingEffect {
-            unexplained.iter_mut().zip(entry.gyros).for_each(|(gyro, own)| *gyro |= own);
+            *unexplained = unexplained.and(entry.gyros);
         }
         refused.push((entry, reason));
     }
@@ -53,7 +53,7 @@ fn first_refused(
         entries.iter().position(is_refused).map(|index| (index, reason))
     };
     let is_of_unexplained =
-        |entry: &DiagnosedEffect| entry.class == Class::Recalibration && is_within(&entry.gyros, unexplained);
+        |entry: &DiagnosedEffect| entry.class == Class::Recalibration && entry.gyros.is_within(unexplained);
     of("its fall of chi2 is below its own threshold", &DiagnosedEffect::is_below_threshold)
         .or_else(|| of("what moves the calibration of an unexplained gyro is not known", &is_of_unexplained))
         .or_else(|| {
@@ -77,7 +77,7 @@ fn first_refused(
 pub fn finding((entry, reason): &(DiagnosedEffect, &'static str)) -> Finding {
     Finding {
         kind: "not-stated".to_owned(),
-        place: names(&entry.gyros).join(", "),
+        place: entry.gyros.names().join(", "),
         text: format!("{} is not stated: {reason}", super::effect_name(entry)),
     }
 }
@@ -86,11 +86,16 @@ pub fn finding((entry, reason): &(DiagnosedEffect, &'static str)) -> Finding {
 mod tests {
     use super::*;
     use crate::outcome::Chi2Fall;
-    use geu_hypothesis::gyros::only;
 
     fn entry(code: &str, gyro: usize, class: Class, fall: f64) -> DiagnosedEffect {
         let chi2 = Some(Chi2Fall { fall, threshold: 16.0 });
-        DiagnosedEffect { code: code.to_owned(), gyros: only(gyro), class, chi2, ..DiagnosedEffect::default() }
+        DiagnosedEffect {
+            code: code.to_owned(),
+            gyros: Gyros::ALL.only(gyro),
+            class,
+            chi2,
+            ..DiagnosedEffect::default()
+        }
     }
 
     /// Codes of the stated entries, unexplained gyros and reasons, if the gap grows with each entry `harmful`.
@@ -112,8 +117,11 @@ mod tests {
             entry("scale-factor", 0, Class::Recalibration, 100.0),
             entry("misalignment", 1, Class::Recalibration, 100.0),
         ];
-        let (codes, unexplained, reasons) = refused(entries, [false; 4]);
-        assert_eq!((&codes[..], unexplained), (&["lost-counts".to_owned(), "misalignment".to_owned()][..], only(0)));
+        let (codes, unexplained, reasons) = refused(entries, Gyros::default());
+        assert_eq!(
+            (&codes[..], unexplained),
+            (&["lost-counts".to_owned(), "misalignment".to_owned()][..], Gyros::ALL.only(0))
+        );
         assert_eq!(reasons[0], "drift-step is not stated: its fall of chi2 is below its own threshold");
         assert!(reasons[1].starts_with("scale-factor is not stated: what moves the calibration"), "{reasons:?}");
     }
@@ -122,17 +130,17 @@ mod tests {
     fn an_entry_that_makes_the_gap_larger_is_not_stated() {
         let entries =
             || vec![entry("harmful", 2, Class::MissingEffect, 50.0), entry("drift", 1, Class::MissingEffect, 50.0)];
-        let (codes, unexplained, reasons) = refused(entries(), [false; 4]);
-        assert_eq!((&codes[..], unexplained), (&["drift".to_owned()][..], only(2)));
+        let (codes, unexplained, reasons) = refused(entries(), Gyros::default());
+        assert_eq!((&codes[..], unexplained), (&["drift".to_owned()][..], Gyros::ALL.only(2)));
         assert_eq!(reasons, ["harmful is not stated: it makes the gap larger"]);
         // A calibration that is not stated leaves nothing unexplained.
-        let (codes, unexplained, _) = refused(vec![entry("harmful", 2, Class::Recalibration, 50.0)], [false; 4]);
-        assert!(codes.is_empty() && unexplained == [false; 4]);
+        let (codes, unexplained, _) = refused(vec![entry("harmful", 2, Class::Recalibration, 50.0)], Gyros::default());
+        assert!(codes.is_empty() && unexplained == Gyros::default());
     }
 
     #[test]
     fn an_effect_that_an_exact_check_found_stays() {
         let found = DiagnosedEffect { chi2: None, ..entry("harmful", 0, Class::MissingEffect, 0.0) };
-        assert_eq!(refused(vec![found], [false; 4]).0, ["harmful"]);
+        assert_eq!(refused(vec![found], Gyros::default()).0, ["harmful"]);
     }
 }

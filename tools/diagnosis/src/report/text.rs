@@ -1,7 +1,7 @@
 //! Facts of a report as labelled lines of limited width.
 
 use crate::outcome::{Chi2Fall, DiagnosedEffect, EstimatedValue, ReportedAlternative, Verdict};
-use geu_hypothesis::gyros::{ALL_GYROS, Gyros, names};
+use geu_protocol::Gyros;
 
 /// Alternatives of a group that are listed; the others are counted.
 const LISTED: usize = 5;
@@ -24,7 +24,7 @@ const UNITS: [(&str, &str); 11] = [
 
 /// The gyros in words.
 pub fn on(gyros: &Gyros) -> String {
-    if gyros == &ALL_GYROS { "all gyros".to_owned() } else { names(gyros).join(", ") }
+    if gyros.is_all() && gyros.heads() > 1 { "all gyros".to_owned() } else { gyros.names().join(", ") }
 }
 
 /// A value with its sigma, to the digits of the sigma.
@@ -184,7 +184,7 @@ mod tests {
         ReportedAlternative {
             code: code.to_owned(),
             formula: None,
-            gyros: [true, false, false, false],
+            gyros: Gyros::ALL.only(0),
             cosine: 0.9994,
             delta_chi2,
             discriminating_test: delta_chi2.is_none().then(|| format!("a scan about Y separates {code}")),
@@ -199,7 +199,7 @@ mod tests {
         let codes: Vec<String> = (0..12).map(|index| format!("drift-course-number-{index}")).collect();
         let entry = DiagnosedEffect {
             code: "pivot-clearance".to_owned(),
-            gyros: [true, false, false, false],
+            gyros: Gyros::ALL.only(0),
             parameters: vec![number("clearance_arcsec", 11.523, Some(0.041)), number("preferred_arcsec", 0.0, None)],
             gap_share: 0.7,
             chi2: Some(Chi2Fall { fall: 69_651.0, threshold: 15.0 }),

@@ -12,7 +12,7 @@ use super::{ConstantSignature, EXACT_SIGNATURE, SHARE, SignatureBank, Variation}
 use crate::course_products::ProductCache;
 use crate::courses::{Mode, is_onset, put};
 use crate::linear_algebra::increment_products;
-use crate::measured::{BLOCK_S, CHANNELS, MeasuredData, ModelRun, Series, Shifts, TIMING};
+use crate::measured::{CHANNELS, MeasuredData, ModelRun, Series, Shifts, TIMING};
 
 /// Amplitude of the run that tests linearity, as a share of the largest accepted value.
 const TRIED_SHARE: f64 = 0.1;
@@ -31,7 +31,10 @@ pub(super) struct AmplitudeRuns<'a> {
 impl AmplitudeRuns<'_> {
     fn hypothesis(&self, size: f64) -> Hypothesis {
         let own_shapes = self.own_shapes.clone();
-        Hypothesis { own_shapes, ..Hypothesis::constant(self.amplitude, size, self.amplitude.gyros()) }
+        Hypothesis {
+            own_shapes,
+            ..Hypothesis::constant(self.amplitude, size, self.amplitude.gyros(&self.configuration.device))
+        }
     }
 
     /// The hypothesis with a step at this time; `None` if the amplitude has no steps.
@@ -62,6 +65,7 @@ impl AmplitudeRuns<'_> {
     fn signature(&self, size: f64, series: Series, mode: Mode, is_linear: bool) -> ConstantSignature {
         ConstantSignature {
             amplitude: self.amplitude,
+            gyros: self.amplitude.gyros(&self.configuration.device),
             own_shapes: self.own_shapes.clone(),
             size,
             configured: self.amplitude.configured_value(self.configuration),
@@ -89,7 +93,7 @@ impl SignatureBank {
     pub(super) fn run(&self, runs: &AmplitudeRuns) -> Vec<ConstantSignature> {
         let limits = runs.amplitude.size();
         let blocks = self.courses.blocks();
-        let middle_s = (blocks / 2) as f64 * BLOCK_S;
+        let middle_s = (blocks / 2) as f64 * self.block_s();
         let (small, tried) = (runs.hypothesis(limits.max * SHARE), runs.hypothesis(limits.max * TRIED_SHARE));
         // A run with a step in the middle, with a larger value that tests linearity.
         let both: Vec<Hypothesis> = [small].into_iter().chain(runs.stepped(tried.clone(), middle_s)).collect();

@@ -9,7 +9,7 @@ use geu_model::time_profile::Size;
 use rayon::prelude::*;
 
 use super::ConstantSignature;
-use crate::courses::SHORTEST_S;
+use crate::courses::SHORTEST;
 use crate::linear_algebra::increment_products;
 use crate::measured::TIMING;
 use geu_hypothesis::amplitude::AmplitudeRef;
@@ -88,7 +88,7 @@ fn reach(own: &ConstantSignature, other: &ConstantSignature) -> Range<f64> {
 
 /// Searched values of an effect's shape parameters, defaults first: time constants and widths on a grid; others at their default until they are
 /// fitted. An effect of the configuration keeps its own.
-pub fn own_shapes(amplitude: &AmplitudeRef, configuration: &Configuration) -> Vec<Vec<f64>> {
+pub fn own_shapes(amplitude: &AmplitudeRef, configuration: &Configuration, block_s: f64) -> Vec<Vec<f64>> {
     if let Some(configured) = amplitude.configured_shapes(configuration) {
         return vec![configured];
     }
@@ -103,7 +103,7 @@ pub fn own_shapes(amplitude: &AmplitudeRef, configuration: &Configuration) -> Ve
     let mut all = vec![defaults.clone()];
     for (index, number) in amplitude.own_shapes().iter().enumerate() {
         let shortest = match number.role {
-            Role::TimeConstant => SHORTEST_S,
+            Role::TimeConstant => SHORTEST * block_s,
             Role::Width => 0.0,
             _ => continue,
         };

@@ -4,7 +4,7 @@ use geu_model::noise::flicker::{CORRELATION_TIMES_S, SIGMA};
 use geu_model::units::S_PER_H;
 
 use super::NoiseModel;
-use crate::measured::{BLOCK, BLOCK_S};
+use crate::measured::BLOCK;
 
 /// Mean time of a block's average of a walk that starts at 0, as a share of the block.
 const MEAN: f64 = (BLOCK as f64 + 1.0) / (2.0 * BLOCK as f64);
@@ -33,15 +33,15 @@ struct Rate {
 
 impl Rate {
     /// A random walk. Its first value is a calibration parameter, not noise.
-    fn walk(growth: f64) -> Rate {
-        let t = BLOCK_S;
+    fn walk(growth: f64, block_s: f64) -> Rate {
+        let t = block_s;
         let growth = [growth * t.powi(3) / 3.0, growth * t, growth * t * t / 2.0];
         Rate { left: 1.0, turns_s: [MEAN * t, t], growth, start: 0.0 }
     }
 
     /// A stationary process of this variance ([`geu_model::noise::GaussMarkov`]).
-    fn process(variance: f64, time_s: f64) -> Rate {
-        let (x, left) = (BLOCK_S / time_s, decay(time_s));
+    fn process(variance: f64, time_s: f64, block_s: f64) -> Rate {
+        let (x, left) = (block_s / time_s, decay(time_s, block_s));
         let turn_s = |share: f64| -time_s * (-share * x).exp_m1();
         let turn = variance * time_s * time_s * (2.0 * x - 3.0 + 4.0 * left - left * left);
         let growth = [turn, variance * (1.0 - left * left), variance * time_s * (1.0 - left).powi(2)];
@@ -50,13 +50,13 @@ impl Rate {
 }
 
 /// Share of a process that is left after a block.
-fn decay(time_s: f64) -> f64 {
-    (-BLOCK_S / time_s).exp()
+fn decay(time_s: f64, block_s: f64) -> f64 {
+    (-block_s / time_s).exp()
 }
 
 /// Shares of the slow processes that are left after a block.
-pub fn slow_decays() -> [f64; SLOW] {
-    std::array::from_fn(|slow| decay(CORRELATION_TIMES_S[1 + slow]))
+pub fn slow_decays(block_s: f64) -> [f64; SLOW] {
+    std::array::from_fn(|slow| decay(CORRELATION_TIMES_S[1 + slow], block_s))
 }
 
 /// A value for each part of the state at the end of a block.
@@ -78,6 +78,7 @@ pub struct Average {
 /// The covariance of angle (a), rates (r) and rounding error (e). At the start the angle is free, since a common time shift changes the
 /// angle before.
 pub struct Covariance {
+    block_s: f64,
     rates: Vec<Rate>,
     /// Growth of the angle's variance over a block by angle random walk and flicker.
     pub angle_walk: f64,
@@ -90,19 +91,29 @@ pub struct Covariance {
 }
 
 impl Covariance {
-    /// At the start of a recording, with this variance of the rounding error.
-    pub fn new(noise: &NoiseModel, rounding: f64) -> Covariance {
+    /// At the start of a recording of such blocks, with this variance of the rounding error.
+    pub fn new(noise: &NoiseModel, rounding: f64, block_s: f64) -> Covariance {
         let process = (SIGMA * noise.flicker / S_PER_H).powi(2);
         let [fast_s, slow_s] = [CORRELATION_TIMES_S[0], CORRELATION_TIMES_S[CORRELATION_TIMES_S.len() - 1]];
         // The fastest process of the flicker is an angle random walk, the slowest a rate random walk.
-        let angle_walk = BLOCK_S * (noise.angle_walk.powi(2) + 2.0 * process * fast_s);
-        let walk = Rate::walk(noise.rate_walk.powi(2) + 2.0 * process / slow_s);
+        let angle_walk = block_s * (noise.angle_walk.powi(2) + 2.0 * process * fast_s);
+        let walk = Rate::walk(noise.rate_walk.powi(2) + 2.0 * process / slow_s, block_s);
         let slow = CORRELATION_TIMES_S[1..=SLOW].iter().filter(|_| noise.flicker > 0.0);
         let rates: Vec<Rate> =
-            std::iter::once(walk).chain(slow.map(|time_s| Rate::process(process, *time_s))).collect();
+            std::iter::once(walk).chain(slow.map(|time_s| Rate::process(process, *time_s, block_s))).collect();
         let mut rr = [[0.0; RATES]; RATES];
         rates.iter().enumerate().for_each(|(rate, own)| rr[rate][rate] = own.start);
-        Covariance { rates, angle_walk, aa: 0.0, ar: [0.0; RATES], rr, ae: 0.0, re: [0.0; RATES], ee: rounding }
+        Covariance {
+            block_s,
+            rates,
+            angle_walk,
+            aa: 0.0,
+            ar: [0.0; RATES],
+            rr,
+            ae: 0.0,
+            re: [0.0; RATES],
+            ee: rounding,
+        }
     }
 
     /// True with flicker.
@@ -155,7 +166,7 @@ impl Covariance {
 
     /// Takes the average of the block as the angle: that at the end is the average and what came after its mean time.
     pub fn restart(&mut self, angle: f64, white: f64) -> OfState {
-        let (left_s, count) = (BLOCK_S - MEAN * BLOCK_S, self.rates.len());
+        let (left_s, count) = (self.block_s - MEAN * self.block_s, self.rates.len());
         let rest = (1.0 - 2.0 * MEAN + VARIANCE) * angle;
         let summed: OfRates = std::array::from_fn(|rate| self.rr[..count].iter().map(|with| with[rate]).sum());
         let errors: f64 = self.re[..count].iter().sum();

@@ -5,7 +5,6 @@ use geu_diagnosis::motion_segments::MotionSegment;
 use geu_diagnosis::outcome::Diagnosis;
 use geu_diagnosis::residual_map::{ResidualMap, SIGNIFICANT, VARIABLES};
 use geu_diagnosis::residual_stats::WINDOW;
-use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::Gyro;
 
 use crate::page::{escape, fixed, significant};
@@ -40,7 +39,7 @@ pub(super) fn axes_key() -> String {
 /// End of the recording, s.
 fn end_s(diagnosis: &Diagnosis) -> f64 {
     let nodes = diagnosis.windowed.iter().flatten().map(Vec::len).max().unwrap_or(0);
-    (nodes.saturating_sub(1).max(1)) as f64 * SAMPLE_INTERVAL_S
+    (nodes.saturating_sub(1).max(1)) as f64 * diagnosis.interval_s()
 }
 
 /// The residual of a gyro before and after, over time.
@@ -66,9 +65,9 @@ pub(super) fn residuals(diagnosis: &Diagnosis, gyro: Gyro) -> String {
         let title = format!("left unexplained, {from_s:.0}…{to_s:.0} s");
         chart.rectangle("left", (from_s, strip.1), (to_s, max + 0.06 * span), &title);
     }
-    windows(&mut chart, end_s, (strip.0, max + 0.06 * span));
+    windows(&mut chart, end_s, WINDOW as f64 * diagnosis.interval_s(), (strip.0, max + 0.06 * span));
     for (name, values) in series {
-        chart.series(name, name, &runs(values, end_s));
+        chart.series(name, name, &runs(values, end_s, diagnosis.interval_s()));
     }
     for (index, segment) in diagnosis.segments.iter().enumerate() {
         let class = segment.axis.map_or("rest", |axis| AXES[axis.min(2)].0);
@@ -79,7 +78,7 @@ pub(super) fn residuals(diagnosis: &Diagnosis, gyro: Gyro) -> String {
             chart.within((0.5 * (from_s + to_s), 0.5 * (strip.0 + strip.1)), &number);
         }
     }
-    chart.x_title("s since the start; lines at the ends of windows of 30 min");
+    chart.x_title(&format!("s since the start; lines at the ends of windows of {}", diagnosis.window()));
     let rms = |values: &[f64]| {
         let (sum, count) = values
             .iter()
@@ -104,8 +103,7 @@ pub(super) fn residuals(diagnosis: &Diagnosis, gyro: Gyro) -> String {
 }
 
 /// Lines at the ends of windows, with their times below.
-fn windows(chart: &mut Chart, end_s: f64, y: (f64, f64)) {
-    let window_s = WINDOW as f64 * SAMPLE_INTERVAL_S;
+fn windows(chart: &mut Chart, end_s: f64, window_s: f64, y: (f64, f64)) {
     let count = (end_s / window_s) as usize;
     let every = count.div_ceil(MAX_LABELS).max(1);
     for window in 0..=count {
@@ -118,13 +116,13 @@ fn windows(chart: &mut Chart, end_s: f64, y: (f64, f64)) {
 }
 
 /// The points of a residual in runs that neither a gap nor the end of a window interrupts, decimated.
-fn runs(values: &[f64], end_s: f64) -> Vec<Vec<(f64, f64)>> {
+fn runs(values: &[f64], end_s: f64, interval_s: f64) -> Vec<Vec<(f64, f64)>> {
     let nodes: Vec<(usize, f64)> = values.iter().copied().enumerate().filter(|(_, value)| value.is_finite()).collect();
     let window = |node: usize| node.saturating_sub(1) / WINDOW;
     let runs = nodes.chunk_by(|one, next| next.0 == one.0 + 1 && window(one.0) == window(next.0));
     let of_run = |run: &[(usize, f64)]| {
-        let points: Vec<_> = run.iter().map(|&(node, value)| (node as f64 * SAMPLE_INTERVAL_S, value)).collect();
-        let (from_s, to_s) = (points[0].0, points[points.len() - 1].0 + SAMPLE_INTERVAL_S);
+        let points: Vec<_> = run.iter().map(|&(node, value)| (node as f64 * interval_s, value)).collect();
+        let (from_s, to_s) = (points[0].0, points[points.len() - 1].0 + interval_s);
         let columns = (MAX_COLUMNS as f64 * (to_s - from_s) / end_s).ceil() as usize;
         min_max(&points, (from_s, to_s), columns.max(1))
     };
@@ -193,7 +191,7 @@ pub(super) fn heat_map(diagnosis: &Diagnosis, model: &ResidualMap, gyro: Gyro, w
             chart.rectangle(&format!("heat {class}"), corners.0, corners.1, &title);
         }
     }
-    windows(&mut chart, end_s, (0.0, rows));
+    windows(&mut chart, end_s, WINDOW as f64 * diagnosis.interval_s(), (0.0, rows));
     chart.x_title("s since the start");
     format!("<figure>\n<figcaption><b>{name}</b> {when}</figcaption>\n{}</figure>\n", chart.finish())
 }
@@ -212,9 +210,9 @@ mod tests {
         let mut values: Vec<f64> = (0..=4 * WINDOW).map(|node| if node % 2 == 0 { 1.0 } else { -1.0 }).collect();
         values[0] = f64::NAN;
         values[100] = f64::NAN;
-        let runs = runs(&values, 2.0 * WINDOW as f64);
+        let runs = runs(&values, 2.0 * WINDOW as f64, 0.5);
         assert_eq!(runs.iter().map(Vec::len).collect::<Vec<_>>(), [42, 1460, 1500, 1500, 1500]);
-        assert!(super::runs(&[f64::NAN; 4], 1.0).is_empty());
+        assert!(super::runs(&[f64::NAN; 4], 1.0, 0.5).is_empty());
     }
 
     #[test]

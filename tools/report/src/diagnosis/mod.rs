@@ -14,7 +14,7 @@ use geu_diagnosis::residual_stats::ResidualStats;
 use geu_diagnosis::search::Candidate;
 use geu_diagnosis::{Verdict, report};
 use geu_protocol::template::Value;
-use geu_protocol::{Gyro, map};
+use geu_protocol::{Gyro, Gyros, map};
 
 use crate::page::{CHART_HINT, Provenance, escape, filled, fixed, html, prose, significant, table};
 use charts::{axes_key, gap_bars, residuals, strength};
@@ -64,8 +64,8 @@ impl DiagnosisPage<'_> {
         };
         let left = unexplained.as_ref().map(|left| {
             let follows = left.follows.iter().map(|own| map! { term: own.term.as_str(), score: own.score });
-            map! { gyros: report::names(&left.gyros).join(", "), shape: left.shape.as_str(), interval_s: left.interval_s,
-                follows: follows.collect::<Value>() }
+            map! { gyros: left.gyros.names().join(", "), shape: left.shape.as_str(), interval_s: left.interval_s,
+            follows: follows.collect::<Value>() }
         });
         let values = map! {
             is_bad: *verdict == Verdict::Unexplained,
@@ -118,12 +118,13 @@ impl DiagnosisPage<'_> {
     fn residuals(&self) -> String {
         let mut text = format!(
             "<h2>Residuals before and after</h2>\n<p>Measured less model, the accumulated angle in arcsec: with the \
-             configuration as given, and with the found effects. Windows of 30 min, from line to line, start at zero, \
+             configuration as given, and with the found effects. Windows of {}, from line to line, start at zero, \
              also after a break; invalid sums are not drawn. The strip below shows \
              the motion, with the numbers of the manoeuvres.</p>\n{CHART_HINT}{}",
+            self.diagnosis.window(),
             self.key()
         );
-        for gyro in Gyro::ALL {
+        for gyro in self.diagnosis.gyros() {
             text += &residuals(self.diagnosis, gyro);
         }
         text
@@ -146,7 +147,7 @@ impl DiagnosisPage<'_> {
             "<h2>Manoeuvres</h2>\n<p>Root mean square of the residual within each manoeuvre, which starts at zero, before and \
              after.</p>\n<div class=\"figures dense\">\n",
         );
-        for gyro in Gyro::ALL {
+        for gyro in self.diagnosis.gyros() {
             text += &gap_bars(self.diagnosis, gyro);
         }
         let [before, after] = &self.diagnosis.segment_rms_arcsec;
@@ -161,10 +162,12 @@ impl DiagnosisPage<'_> {
                 format!("{:.0}", segment.from_s),
                 format!("{:.0}", segment.to_s - segment.from_s),
             ];
-            row.extend(Gyro::ALL.map(rms));
+            row.extend(self.diagnosis.gyros().into_iter().map(rms));
             row
         });
-        let header = ["manoeuvre", "start, s", "length, s", "GYRX", "GYRY", "GYRZA", "GYRZB"];
+        let gyros = self.diagnosis.gyros();
+        let header = ["manoeuvre", "start, s", "length, s"].into_iter().chain(gyros.iter().map(|gyro| gyro.name()));
+        let header: Vec<&str> = header.collect();
         let caption = "Manoeuvres, and the residual within each before → after, arcsec rms";
         let _ = writeln!(
             text,
@@ -322,8 +325,8 @@ fn name_of(candidate: &Candidate) -> String {
     escape(&amplitude.formula().map_or_else(|| amplitude.code(), |formula| format!("term {formula}")))
 }
 
-fn gyros(gyros: &geu_hypothesis::gyros::Gyros) -> String {
-    if *gyros == [true; 4] { "all".to_owned() } else { report::names(gyros).join(", ") }
+fn gyros(gyros: &Gyros) -> String {
+    if gyros.is_all() { "all".to_owned() } else { gyros.names().join(", ") }
 }
 
 /// A number of arcsec, or a dash.

@@ -15,6 +15,7 @@ const PLACES: usize = 12;
 impl DiagnosisPage<'_> {
     pub(super) fn residual_map(&self) -> String {
         let [before, after] = &self.diagnosis.residual_maps;
+        let gyros = self.diagnosis.gyros();
         let rows = (1..VARIABLES.len()).map(|variable| {
             let cell = |gyro: Gyro| {
                 let [before, after] = [before, after].map(|model| model.whole[gyro.index()][variable]);
@@ -23,9 +24,9 @@ impl DiagnosisPage<'_> {
                     _ => format!("{} → {}", in_sigmas(before), in_sigmas(after)),
                 }
             };
-            std::iter::once(escape(VARIABLES[variable])).chain(Gyro::ALL.map(cell)).collect()
+            std::iter::once(escape(VARIABLES[variable])).chain(gyros.iter().copied().map(cell)).collect()
         });
-        let header = ["variable", "GYRX", "GYRY", "GYRZA", "GYRZB"];
+        let header: Vec<&str> = ["variable"].into_iter().chain(gyros.iter().map(|gyro| gyro.name())).collect();
         let caption = "An error of rate in proportion to each variable, before → after, in sigmas, over the whole recording, beside \
                        the calibration parameters, with the lag found; – if it is not independent of these";
         let mut text = format!(
@@ -39,7 +40,7 @@ impl DiagnosisPage<'_> {
             let all = [before, after].into_iter().flat_map(|model| &model.segments[gyro.index()]);
             all.filter_map(strongest).any(|(_, sigmas)| sigmas.abs() > SIGNIFICANT)
         };
-        let (shown, others): (Vec<Gyro>, Vec<Gyro>) = Gyro::ALL.into_iter().partition(stands_out);
+        let (shown, others): (Vec<Gyro>, Vec<Gyro>) = gyros.iter().copied().partition(stands_out);
         if !shown.is_empty() {
             text += "<p>The same in each manoeuvre, over time. Of this number of cells noise exceeds 3 sigma sometimes, 5 almost \
                      never. A cell is empty below 3, or if a manoeuvre does not determine a variable.</p>\n<div class=\"figures heats\">\n";
@@ -60,7 +61,9 @@ impl DiagnosisPage<'_> {
     /// The manoeuvres with the largest residuals.
     fn places(&self) -> String {
         let [before, after] = &self.diagnosis.residual_maps;
-        let mut places: Vec<(Gyro, usize, usize, f64)> = Gyro::ALL
+        let mut places: Vec<(Gyro, usize, usize, f64)> = self
+            .diagnosis
+            .gyros()
             .into_iter()
             .flat_map(|gyro| {
                 before.segments[gyro.index()].iter().enumerate().map(move |(number, own)| (gyro, number, own))

@@ -241,7 +241,8 @@ pub fn whole(diagnosis: &Diagnosis) -> String {
         text += "\nexact checks\n";
         text += &diagnosis.findings.iter().map(|own| finding(&own.kind, &own.place, &own.text)).collect::<String>();
     }
-    let places: Vec<String> = Gyro::ALL.into_iter().flat_map(|gyro| significant_terms(diagnosis, gyro)).collect();
+    let places: Vec<String> =
+        diagnosis.gyros().into_iter().flat_map(|gyro| significant_terms(diagnosis, gyro)).collect();
     if !places.is_empty() {
         text += "\nsignificant variables of the residual, in sigmas before and after\n";
         text += &places.iter().map(|place| wrapped("  ", place)).collect::<String>();
@@ -251,7 +252,8 @@ pub fn whole(diagnosis: &Diagnosis) -> String {
 
 /// The residual angle before and after.
 fn gap(diagnosis: &Diagnosis) -> String {
-    let mut text = "\ngap, arcsec within 30 min       rms      max   at the end   chi2/dof\n".to_owned();
+    let within = format!("gap, arcsec within {}", diagnosis.window());
+    let mut text = format!("\n{within:28}    rms      max   at the end   chi2/dof\n");
     for (name, gap) in [
         ("as configured", &diagnosis.before.fitted),
         ("with the effects found", &diagnosis.after.fitted),

@@ -9,8 +9,8 @@ use geu_diagnosis::residual_map::ResidualMap;
 use geu_diagnosis::residual_stats::ResidualStats;
 use geu_diagnosis::signature_bank::HypothesisFamily;
 use geu_diagnosis::whitening::NoiseModel;
-use geu_hypothesis::gyros::{ALL_GYROS, only};
 use geu_model::Configuration;
+use geu_protocol::Gyros;
 
 use super::*;
 
@@ -18,7 +18,7 @@ fn alternative(code: &str, delta_chi2: Option<f64>, test: Option<&str>) -> Repor
     ReportedAlternative {
         code: code.to_owned(),
         formula: None,
-        gyros: ALL_GYROS,
+        gyros: Gyros::ALL,
         cosine: 0.99,
         delta_chi2,
         discriminating_test: test.map(str::to_owned),
@@ -30,7 +30,7 @@ fn alternative(code: &str, delta_chi2: Option<f64>, test: Option<&str>) -> Repor
 fn entry(code: &str, class: Class, alternatives: Vec<ReportedAlternative>) -> DiagnosedEffect {
     DiagnosedEffect {
         code: code.to_owned(),
-        gyros: only(1),
+        gyros: Gyros::ALL.only(1),
         class,
         parameters: vec![EstimatedValue::new("arcsec_per_h".to_owned(), 17.4, 1.5)],
         chi2: Some(Chi2Fall { fall: 127.0, threshold: 24.0 }),
@@ -43,7 +43,8 @@ fn entry(code: &str, class: Class, alternatives: Vec<ReportedAlternative>) -> Di
 fn diagnosis(verdict: Verdict, entries: Vec<DiagnosedEffect>, findings: usize) -> Diagnosis {
     let stats = ResidualStats { rms_arcsec: 1.4, max_arcsec: 6.5, after_30min_arcsec: 2.3, reduced_chi2: 1.07 };
     let gaps = Gaps { fitted: stats, held_out: stats };
-    let map = ResidualMap { whole: [[Some(-12.0); VARIABLES.len()]; 4], segments: Default::default() };
+    let map =
+        ResidualMap { whole: std::array::from_fn(|_| [Some(-12.0); VARIABLES.len()]), segments: Default::default() };
     let finding = |index: usize| Finding {
         kind: "gap".to_owned(),
         place: format!("/a/directory/with/a/long/name/of/many/parts/link.log.gz: line {index}"),
@@ -51,7 +52,7 @@ fn diagnosis(verdict: Verdict, entries: Vec<DiagnosedEffect>, findings: usize) -
     };
     let follows = |term: &str| FollowedTerm { term: term.to_owned(), score: 387.0 };
     let unexplained = (verdict == Verdict::Unexplained).then(|| Unexplained {
-        gyros: only(1),
+        gyros: Gyros::ALL.only(1),
         interval_s: [480.0, 11400.0],
         shape: "departures through most of it: 65 % of the two-minute averages stand out".to_owned(),
         follows: ["theta^3", "temperature*theta", "rate_x*rate_y", "abs(rate_x)*rate_z", "cos(orbit)"]
