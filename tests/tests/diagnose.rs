@@ -120,10 +120,10 @@ fn gyros(injected: &PlantedEffect) -> Gyros {
 
 /// True if the entry names the injected effect, itself or within its ambiguity group.
 fn names(entry: &DiagnosedEffect, injected: &PlantedEffect) -> bool {
-    let is_rival = entry.alternatives.iter().any(|alternative| {
+    let is_alternative = entry.alternatives.iter().any(|alternative| {
         alternative.code == injected.code && alternative.gyros == gyros(injected) && alternative.is_indistinguishable()
     });
-    entry.gyros == gyros(injected) && (entry.code == injected.code || is_rival)
+    entry.gyros == gyros(injected) && (entry.code == injected.code || is_alternative)
 }
 
 /// Asserts that each effect is named, with its amplitude within `SIGMAS` if it has its own code, and that nothing else is named.

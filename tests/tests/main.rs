@@ -27,6 +27,7 @@ mod inputs;
 mod obc;
 mod obc_silence;
 mod plant;
+mod plant_device;
 mod readme;
 mod recording_kept;
 mod recording_place;

@@ -4,6 +4,7 @@
 //! It simulates motions of the reference unit with the errors of a two-week-old calibration and injected effects, and
 //! writes the recording of a bench: a CAN capture and the attitude of a better sensor.
 
+mod device;
 mod injected;
 mod motion;
 mod noise;
@@ -12,6 +13,10 @@ mod reference;
 mod unit;
 mod wire;
 
+pub use device::{
+    Case, DeviceEffect, DeviceMotionKind, DevicePlant, DeviceRecording, DeviceReference, DeviceUnit, HeadTruth, Mix,
+    Output, Wire,
+};
 pub use injected::PlantedEffect;
 pub use motion::MotionKind;
 pub use reference::ReferenceKind;

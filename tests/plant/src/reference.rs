@@ -7,7 +7,7 @@ use crate::motion::Motion;
 use crate::noise::Noise;
 use crate::{SAMPLE_INTERVAL_S, STEP_S, STEPS};
 
-const RAD_PER_ARCSEC: f64 = PI / 648_000.0;
+pub(crate) const RAD_PER_ARCSEC: f64 = PI / 648_000.0;
 
 /// Format and error of the reference.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -105,7 +105,7 @@ fn quaternions(
 }
 
 /// The quaternion of a rotation vector, rad.
-fn rotation(vector: [f64; 3]) -> [f64; 4] {
+pub(crate) fn rotation(vector: [f64; 3]) -> [f64; 4] {
     let angle = vector.iter().map(|part| part * part).sum::<f64>().sqrt();
     let (sin, cos) = libm::sincos(angle / 2.0);
     let scale = if angle > 0.0 { sin / angle } else { 0.5 };
@@ -113,7 +113,7 @@ fn rotation(vector: [f64; 3]) -> [f64; 4] {
 }
 
 /// Hamilton's product.
-fn product([a, b, c, d]: [f64; 4], [e, f, g, h]: [f64; 4]) -> [f64; 4] {
+pub(crate) fn product([a, b, c, d]: [f64; 4], [e, f, g, h]: [f64; 4]) -> [f64; 4] {
     [
         a * e - b * f - c * g - d * h,
         a * f + b * e + c * h - d * g,
