@@ -44,7 +44,7 @@ pub fn inputs(directory: &Path, lines: u64) -> io::Result<Vec<UnitInput>> {
                 write_serial(&mut file, &serial.frames, lines)?;
                 ((lines * length as u64) as f64 / super::MEGABYTE, "MB/s", target)
             }
-            (None, None) => unreachable!("a unit has a link"),
+            (None, None) => unreachable!("these units have links"),
         };
         file.flush()?;
         Ok(UnitInput { name, device, path, work })

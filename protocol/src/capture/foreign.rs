@@ -14,7 +14,7 @@ pub struct Foreign {
 /// python-can's converter selects formats by the endings of file names.
 const LOGCONVERT: &str = "convert it with python-can: `can_logconvert INPUT OUTPUT.log`";
 const UNPACK: &str = "unpack it; compressed by gzip or zstd it is read as it is";
-const TABLE: &str = "export it as CSV: `geu decode --gyro-csv DESCRIPTION` reads tables of gyros";
+const TABLE: &str = "export it as CSV: `geu decode --device DESCRIPTION` reads tables of samples (docs/devices.md)";
 
 const fn foreign(signature: &'static [u8], name: &'static str, conversion: &'static str) -> Foreign {
     Foreign { signature, name, conversion }

@@ -41,7 +41,7 @@ macro_rules! formats {
 }
 
 // Each module has its formats in `FORMATS`. If two formats read equally many lines of a text, detection takes the first.
-formats!(candump, console, asc, pcap, pcapng, serial);
+formats!(candump, console, asc, pcap, pcapng, serial, table);
 
 /// A format of captures.
 #[derive(Debug)]
@@ -127,6 +127,8 @@ pub enum CaptureRecord<'a> {
     Error,
     /// No CAN frame: a comment, a blank line, a header, a packet of another link.
     Remark,
+    /// A line of a table.
+    Line(&'a [u8]),
     /// A note of the recorder that it lost this number of frames.
     Dropped(u64),
     /// A record that violates its format.

@@ -34,7 +34,7 @@ fn see(event: CaptureRecord) -> Seen {
         CaptureRecord::Remote => Seen::Remote,
         CaptureRecord::Fd => Seen::Fd,
         CaptureRecord::Error => Seen::Error,
-        CaptureRecord::Remark => Seen::Remark,
+        CaptureRecord::Remark | CaptureRecord::Line(_) => Seen::Remark,
         CaptureRecord::Dropped(count) => Seen::Dropped(count),
         CaptureRecord::Broken { cut, .. } => Seen::Broken(cut),
     }

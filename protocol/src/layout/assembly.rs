@@ -152,7 +152,7 @@ impl Sequence {
         match ahead + cycle * anew.clamp(0.0, MAX_CYCLES) as u64 {
             0 => SequenceStep::Repeat,
             1 => SequenceStep::Next,
-            steps if intervals.is_none() && steps > cycle / 2 => SequenceStep::Jump,
+            steps if steps as f64 - intervals.unwrap_or(0.0) > cycle as f64 / 2.0 => SequenceStep::Jump,
             steps => SequenceStep::Gap(steps - 1),
         }
     }
@@ -256,6 +256,9 @@ mod tests {
         assert_eq!(step(14.0, Some(10.2)), SequenceStep::Gap(9));
         assert_eq!(step(15.0, Some(32.9)), SequenceStep::Gap(32));
         assert_eq!(step(15.0, Some(0.1)), SequenceStep::Repeat);
+        // A number before the last one, and a time before the last one.
+        assert_eq!(step(14.0, Some(0.1)), SequenceStep::Jump);
+        assert_eq!(step(13.0, Some(-99.0)), SequenceStep::Jump);
     }
 
     #[test]

@@ -1,6 +1,5 @@
 //! `geu decode`: recordings and live links to rows.
 
-use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
@@ -10,13 +9,12 @@ use geu_model::device::Device;
 use geu_protocol::CanIdMap;
 use geu_protocol::capture::Format as InputFormat;
 use geu_recording::{
-    Decode, DecodeSummary, DecoderOptions, Defect, DeviceDecoder, GyroCsv, InputError, InputReader, Sink, Stop, is_live,
+    Decode, DecodeSummary, DecoderOptions, Defect, DeviceDecoder, InputError, InputReader, Sink, Stop, is_live,
 };
 use geu_report::rows::{DefectLines, DeviceRows, TextFormat, write_row};
 
 use crate::command_error::{CommandError, note};
 use crate::device::{DEFAULT_DEVICE, device};
-use crate::gyro_csv;
 use crate::output_writer::{BUFFER, OutputWriter};
 use crate::outputs::OutputFile;
 use crate::settings::{LONGEST_S, can_base, choice, duration};
@@ -31,7 +29,7 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value_t = Format::Csv)]
     format: Format,
     /// Format of the flags.
-    #[arg(long, default_value = "integers", action = ArgAction::Set, value_parser = choice(FLAGS), conflicts_with = "gyro_csv")]
+    #[arg(long, default_value = "integers", action = ArgAction::Set, value_parser = choice(FLAGS))]
     flags: bool,
     /// Output file, instead of standard output. Until the end (for a live input also Ctrl-C) rows are written to
     /// FILE.….partial; FILE is the previous file or complete. A process that is killed leaves FILE.….partial.
@@ -44,11 +42,8 @@ pub struct Arguments {
     /// Exit with 1 if there were defects.
     #[arg(long)]
     strict: bool,
-    /// Read one CSV of any gyros instead; this file describes it: columns, units, interval (example: configs/suchai3.toml).
-    #[arg(long, value_name = "DESCRIPTION", conflicts_with_all = ["base", "interface", "input_format", "baud", "duration"])]
-    gyro_csv: Option<PathBuf>,
     /// Name or description of another unit than the default one (`geu device list`).
-    #[arg(long, value_name = "NAME|FILE", conflicts_with_all = ["base", "gyro_csv", "flags"])]
+    #[arg(long, alias = "gyro-csv", value_name = "NAME|FILE", conflicts_with_all = ["base", "flags"])]
     device: Option<String>,
     #[command(flatten)]
     reading: InputArgs,
@@ -88,7 +83,7 @@ impl InputArgs {
         Ok(InputReader::new(options, self.stop(inputs)?))
     }
 
-    /// A reader for a described unit. Serial bytes are read as such, where it has no other link.
+    /// A reader for a described unit.
     fn device_reader(
         &self,
         inputs: &[String],
@@ -96,9 +91,6 @@ impl InputArgs {
     ) -> Result<InputReader<'static, DeviceDecoder>, CommandError> {
         let mut options = self.options();
         options.baud = options.baud.or(device.serial.as_ref().map(|serial| serial.baud));
-        if device.can.is_none() {
-            options.format = options.format.or_else(|| InputFormat::from_name("serial"));
-        }
         Ok(InputReader::with(DeviceDecoder::new(device, &options), options, self.stop(inputs)?))
     }
 
@@ -166,13 +158,10 @@ pub fn input_format() -> impl TypedValueParser<Value = &'static InputFormat> {
 /// # Errors
 /// An input cannot be read, an output cannot be written; with `--strict`, defects.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
-    if let Some(description) = &arguments.gyro_csv {
-        return decode_gyro_csv(arguments, description);
-    }
     match arguments.device.as_deref().filter(|name| *name != DEFAULT_DEVICE) {
         Some(name) => {
             let device = device(name)?;
-            let rows = DeviceRows::new(arguments.text_format(), device.values(), device.interval_s);
+            let rows = DeviceRows::new(arguments.text_format(), &device);
             let reader = arguments.reading.device_reader(&arguments.inputs, &device)?;
             decode(arguments, reader, rows.header(), move |row, out| rows.write(row, out))
         }
@@ -226,7 +215,7 @@ fn decode<D: Decode>(
     match &summary.device {
         None => arguments.reading.note_no_rows(&summary),
         Some(device) if summary.rows == 0 => note(format_args!(
-            "geu: no sample: expected frames of {device}, see `geu device show`; got {} other frames, {} other bytes and {} defects\n",
+            "geu: no sample: expected frames or rows of {device}, see `geu device show`; got {} other frames, {} other bytes and {} defects\n",
             summary.account.other,
             summary.account.resynchronised_bytes,
             summary.account.defect_count()
@@ -247,30 +236,6 @@ impl Arguments {
             false => Ok(()),
         }
     }
-}
-
-/// Decodes a CSV of any gyros.
-fn decode_gyro_csv(arguments: &Arguments, description: &Path) -> Result<(), CommandError> {
-    let [input] = &arguments.inputs[..] else {
-        return Err(CommandError::input(format!("--gyro-csv: expected one file, got {}", arguments.inputs.len())));
-    };
-    let read = GyroCsv::read(input, gyro_csv::description(description)?).map_err(CommandError::input)?;
-    let account = read.account();
-    let mut defects = arguments.defects.as_ref().map(|file| OutputWriter::open(Some(file))).transpose()?;
-    if let Some(defects) = &mut defects {
-        gyro_csv::write_defects(input, &read, &mut defects.buffer);
-    }
-    let mut out = OutputWriter::open(arguments.out.as_ref())?;
-    match arguments.format {
-        Format::Csv => gyro_csv::write_csv(&read, &mut out.buffer),
-        Format::Jsonl => gyro_csv::write_jsonl(&read, &mut out.buffer),
-        Format::Summary => out.buffer.extend_from_slice(format!("input        {input}\n{account}").as_bytes()),
-    }
-    OutputWriter::finish(defects.into_iter().chain([out]))?;
-    if arguments.format != Format::Summary && !arguments.quiet {
-        note(format_args!("{account}"));
-    }
-    arguments.check_strict(read.defects.len() as u64)
 }
 
 /// True if the rows read before this end are a result, also of a broken recording or a closed link.

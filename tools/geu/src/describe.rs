@@ -7,7 +7,7 @@ use geu_model::device::Device;
 use geu_protocol::{CanIdMap, describe};
 
 use crate::command_error::{CommandError, print};
-use crate::device::{DEFAULT_DEVICE, device};
+use crate::device::{DEFAULT_DEVICE, device, verify_link};
 use crate::outputs::OutputFile;
 use crate::settings::can_base;
 
@@ -61,6 +61,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
 
 /// The definition of a described unit.
 fn of_device(name: &str, device: &Device, format: Format) -> Result<String, CommandError> {
+    verify_link(device)?;
     let stem = Path::new(name).file_stem().filter(|_| Path::new(name).exists());
     let stem = stem.map_or(name.into(), |stem| stem.to_string_lossy());
     let mut prefix: String = stem

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use clap::{Args, Subcommand};
 use geu_model::Configuration;
-use geu_model::device::{DEVICES, Device};
+use geu_model::device::{DEVICES, Device, TableWire};
 use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::Gyro;
 use geu_protocol::hex::spaced_hex;
@@ -65,6 +65,19 @@ pub fn device(name: &str) -> Result<Device, CommandError> {
 /// No such unit, or a description that is not valid.
 pub fn unit(name: &str) -> Result<Arc<Device>, CommandError> {
     if name == DEFAULT_DEVICE { Ok(Device::iras()) } else { device(name).map(Arc::new) }
+}
+
+/// Refuses a unit without a link.
+///
+/// # Errors
+/// The samples come in a table alone.
+pub fn verify_link(device: &Device) -> Result<(), CommandError> {
+    match device.has_link() {
+        true => Ok(()),
+        false => {
+            Err(CommandError::input(format!("{}: expected a unit with a link, got one with a table", device.name)))
+        }
+    }
 }
 
 fn unknown(name: &str) -> CommandError {
@@ -131,8 +144,10 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
             for (name, _) in DEVICES {
                 let device = device(name)?;
                 let heads: Vec<&str> = device.gyros().map(Gyro::name).collect();
-                let links = [device.serial.is_some().then_some("serial"), device.can.is_some().then_some("CAN")];
-                let links = links.into_iter().flatten().collect::<Vec<_>>().join(", ");
+                let (serial, can, table) = (device.serial.is_some(), device.can.is_some(), device.table.is_some());
+                let links = [("serial", serial), ("CAN", can), ("table", table)];
+                let links = links.into_iter().filter(|(_, has)| *has).map(|(link, _)| link);
+                let links = links.collect::<Vec<_>>().join(", ");
                 let (heads, interval) = (heads.join(" "), device.rate_in_words());
                 _ = writeln!(text, "{name:<18} {links:<11} {interval:>8}  {heads}, {}", device.name);
             }
@@ -174,6 +189,20 @@ fn text(device: &Device) -> String {
     if let Some(can) = &device.can {
         _ = writeln!(text, "{:<10} {} bit/s", "CAN", can.bitrate);
         text.push_str(&frames(&can.frames));
+    }
+    device.table.iter().for_each(|table| text.push_str(&columns(table)));
+    text
+}
+
+/// The columns of a table.
+fn columns(table: &TableWire) -> String {
+    let mut text = format!("{:<10} cells separated by {:?}\n\n", "table", table.delimiter);
+    let mut line = |column: &str, content: String| _ = writeln!(text, "  column {column:<20} {content}");
+    line(&table.time.column, format!("end of the row's interval, {}", table.time.unit));
+    table.start.iter().for_each(|start| line(&start.column, format!("start of the row's interval, {}", start.unit)));
+    table.group.iter().for_each(|group| line(group, "trial".to_owned()));
+    for (field, column) in table.frames.frames[0].fields.iter().zip(&table.columns) {
+        line(column, format!("{} = {}", table.frames.values[field.slot].name, field.formula()));
     }
     text
 }

@@ -15,6 +15,7 @@ use geu_protocol::CanIdMap;
 use geu_recorder::{Destination, FILES};
 
 use crate::command_error::{CommandError, note};
+use crate::device::verify_link;
 use crate::expectations;
 use crate::links::Links;
 use crate::output_guard::Force;
@@ -135,6 +136,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
 
 /// Refuses links that the unit does not have.
 fn verify_links(device: &Device, links: &[LinkAddress]) -> Result<(), CommandError> {
+    verify_link(device)?;
     if device.is_iras() {
         return Ok(());
     }

@@ -14,6 +14,7 @@ use geu_report::figures;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::command_error::{CommandError, note};
+use crate::device::verify_link;
 use crate::expectations;
 use crate::output_guard::Force;
 use crate::outputs::{OutputDirectory, write};
@@ -115,6 +116,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
 
 /// Refuses a format of the link that the unit does not have.
 fn verify_wire(device: &Device, wire: LinkLogFormat) -> Result<(), CommandError> {
+    verify_link(device)?;
     match device.is_iras() || device.frames(wire == LinkLogFormat::Can).is_some() {
         true => Ok(()),
         false => Err(CommandError::input(format!("--wire {}: {} has no such link", wire.name(), device.name))),

@@ -23,6 +23,14 @@ pub enum DefectKind {
     /// The input ends inside a line or packet.
     CutRecord,
     SequenceGap,
+    /// A cell of a table that is no number; the other values of the sample are.
+    BadCell,
+    /// A row of a table without a time or an output, or with another number of cells than columns: no sample.
+    BadRow,
+    /// A row of a table that begins later than the row before ends.
+    TimeGap,
+    /// A row of a table with the time of the row before.
+    TimeRepeated,
     /// A sequence that does not follow.
     SequenceJump,
     /// Received before the row before it.
@@ -43,6 +51,10 @@ impl DefectKind {
             DefectKind::BrokenRecord => "broken-record",
             DefectKind::CutRecord => "cut-record",
             DefectKind::SequenceGap => "sequence-gap",
+            DefectKind::BadCell => "bad-cell",
+            DefectKind::BadRow => "bad-row",
+            DefectKind::TimeGap => "time-gap",
+            DefectKind::TimeRepeated => "time-repeated",
             DefectKind::SequenceJump => "sequence-jump",
             DefectKind::TimeBackwards => "time-backwards",
             DefectKind::ReceiverDropped => "receiver-dropped",
@@ -53,7 +65,7 @@ impl DefectKind {
     pub(crate) const fn records(self) -> u64 {
         match self {
             DefectKind::Can(defect) => defect.frames(),
-            DefectKind::BrokenRecord | DefectKind::CutRecord | DefectKind::MessageCheck => 1,
+            DefectKind::BrokenRecord | DefectKind::CutRecord | DefectKind::MessageCheck | DefectKind::BadRow => 1,
             _ => 0,
         }
     }

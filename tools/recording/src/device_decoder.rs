@@ -2,14 +2,16 @@
 
 mod can;
 mod serial;
+mod table;
 
 use geu_model::device::Device;
-use geu_protocol::capture::{CaptureRecord, RecordPosition, Timestamp};
+use geu_protocol::capture::{CaptureRecord, Detected, Format, RecordPosition, Timestamp, detect};
 use geu_protocol::continuity::SequenceStep;
 use geu_protocol::layout::{Quantity, Sequence};
 
 use self::can::Can;
 use self::serial::Serial;
+use self::table::Table;
 use crate::decoder::DecoderOptions;
 use crate::defect::DefectKind;
 use crate::flow::{Flow, Stamp};
@@ -22,6 +24,7 @@ use crate::summary::DecodeSummary;
 pub struct DeviceDecoder {
     can: Option<Can>,
     serial: Option<Serial>,
+    table: Option<Table>,
     samples: Samples,
     is_stopped: bool,
 }
@@ -77,13 +80,25 @@ impl Samples {
         let since_ns = self.last.filter(|_| is_stamped).and_then(since_ns);
         let intervals = since_ns.map(|since_ns| since_ns as f64 * 1e-9 / self.interval_s);
         let step = sequence.step(values, intervals);
+        self.report(stamp, step, values, sink);
+    }
+
+    /// Begins a trial: its times and numbers are independent of the trial before.
+    fn begin_trial(&mut self) {
+        (self.last, self.row.number) = (None, 0);
+        self.flow.begin_trial();
+    }
+
+    /// Reports a sample that follows the one before in this way.
+    #[inline]
+    fn report(&mut self, stamp: Stamp, step: SequenceStep, values: &[f64], sink: &mut impl Sink<DeviceSample>) {
         self.last = stamp.time;
         let row = &mut self.row;
-        row.number += match step {
+        row.number = row.number.saturating_add(match step {
             SequenceStep::First | SequenceStep::Repeat => 0,
-            SequenceStep::Gap(missing) => missing + 1,
+            SequenceStep::Gap(missing) => missing.saturating_add(1),
             _ => 1,
-        };
+        });
         row.time = stamp.time;
         row.values.clear();
         row.values.extend_from_slice(values);
@@ -102,10 +117,13 @@ impl DeviceDecoder {
         let mut samples = Samples::new(device);
         let frames = serial.into_iter().chain(can).flat_map(|set| &set.frames);
         samples.flow.summary.frames = frames.map(|frame| (frame.name.clone(), 0)).collect();
+        let table = device.table.clone().map(Table::new);
+        samples.flow.gap_kind = table.as_ref().filter(|table| !table.has_sequence()).map(|_| DefectKind::TimeGap);
         let names = serial.map_or(0, |set| set.frames.len());
         DeviceDecoder {
             can: can.map(|frames| Can::new(frames.clone(), options.interface.as_deref(), names)),
             serial: serial.map(|frames| Serial::new(frames.clone())),
+            table,
             samples,
             is_stopped: false,
         }
@@ -128,7 +146,27 @@ impl Decode for DeviceDecoder {
         if let Some(can) = &mut self.can {
             can.settle(&mut self.samples, sink);
         }
+        if let Some(table) = &mut self.table {
+            table.begin();
+        }
         self.samples.flow.begin(name);
+    }
+
+    /// A table is known by its header. A unit without CAN has no captures: the rest is serial bytes.
+    fn detect(&self, head: &[u8], is_complete: bool) -> Detected {
+        let format = |name| Format::from_name(name).map_or(Detected::UnknownText, Detected::Format);
+        match self.table.as_ref().map(|table| table.is_begun_by(head, is_complete)) {
+            Some(Some(true)) => format("table"),
+            Some(None) => Detected::Undecided,
+            _ if self.can.is_some() => detect(head, is_complete),
+            _ if self.serial.is_some() => format("serial"),
+            _ => Detected::UnknownText,
+        }
+    }
+
+    fn columns(&self) -> Option<String> {
+        let table = self.table.as_ref().filter(|_| self.can.is_none() && self.serial.is_none());
+        table.map(Table::expected)
     }
 
     fn expected(&self) -> String {
@@ -141,8 +179,14 @@ impl Decode for DeviceDecoder {
 
     #[inline]
     fn event(&mut self, place: RecordPosition, event: CaptureRecord, sink: &mut impl Sink<DeviceSample>) {
-        let DeviceDecoder { can, samples, .. } = self;
-        let CaptureRecord::Frame(frame) = event else { return samples.flow.other_record(place, event, sink) };
+        let DeviceDecoder { can, samples, table, .. } = self;
+        let frame = match (event, table) {
+            (CaptureRecord::Frame(frame), _) => frame,
+            (CaptureRecord::Line(line), Some(table)) => {
+                return table.line(line, samples.flow.stamp(place, None), samples, sink);
+            }
+            _ => return samples.flow.other_record(place, event, sink),
+        };
         let stamp = samples.flow.stamp(place, frame.time);
         match can {
             Some(can) => can.frame(&frame, stamp, samples, sink),

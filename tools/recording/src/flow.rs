@@ -30,6 +30,8 @@ pub(crate) struct Flow {
     last_t_ns: Option<i64>,
     /// True if the row before was polled.
     last_polled: bool,
+    /// Kind of a gap that the sequence does not show.
+    pub gap_kind: Option<DefectKind>,
     /// The longest interval and its end.
     largest: Option<(i64, RecordPosition, u32)>,
 }
@@ -100,6 +102,11 @@ impl Flow {
         }
     }
 
+    /// Begins a trial: its times are independent of the trial before.
+    pub fn begin_trial(&mut self) {
+        self.last_t_ns = None;
+    }
+
     /// Reports a sample of a described unit.
     #[inline]
     pub fn sample(&mut self, stamp: Stamp, step: SequenceStep, row: &DeviceSample, sink: &mut impl Sink<DeviceSample>) {
@@ -156,7 +163,7 @@ impl Flow {
                     let place = place_text(&self.summary.inputs[at.input as usize].0, at.place);
                     self.summary.gaps.push((place, at.time, lost));
                 }
-                self.defect(at, DefectKind::SequenceGap, &[], lost, sink);
+                self.defect(at, self.gap_kind.unwrap_or(DefectKind::SequenceGap), &[], lost, sink);
             }
         }
     }
@@ -176,6 +183,7 @@ impl Flow {
         let account = &mut self.summary.account;
         match record {
             CaptureRecord::Frame(_) => {}
+            CaptureRecord::Line(_) => account.other += 1,
             CaptureRecord::Remote => account.remote += 1,
             CaptureRecord::Fd => account.fd += 1,
             CaptureRecord::Error => account.error += 1,

@@ -30,8 +30,6 @@
 mod defect;
 mod spec;
 
-use std::collections::BTreeMap;
-use std::fmt;
 use std::io::Read;
 use std::path::Path;
 
@@ -138,43 +136,6 @@ impl GyroCsv {
         defects.sort_by_key(|defect| defect.line);
         Ok(GyroCsv { description, samples, defects })
     }
-
-    /// Summary of rows, gyros and defects.
-    pub fn account(&self) -> GyroCsvSummary<'_> {
-        GyroCsvSummary(self)
-    }
-}
-
-/// An account of a file; [`fmt::Display`] writes it.
-pub struct GyroCsvSummary<'a>(&'a GyroCsv);
-
-impl fmt::Display for GyroCsvSummary<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let GyroCsv { description, samples, defects } = self.0;
-        let refused = |kind: &GyroCsvDefectKind| {
-            matches!(kind, GyroCsvDefectKind::NotANumber { .. } | GyroCsvDefectKind::Fields { .. })
-        };
-        let refused = defects.iter().filter(|defect| refused(&defect.kind)).count();
-        writeln!(f, "rows         {}: {} samples, {refused} refused", samples.len() + refused, samples.len())?;
-        if let (Some(first), Some(last)) = (samples.first(), samples.last()) {
-            writeln!(f, "time         {} s to {} s, interval {} s", first.t_s, last.t_s, description.interval_s)?;
-        }
-        for (index, gyro) in description.gyros.iter().enumerate() {
-            let rates = samples.iter().map(|sample| sample.rates_arcsec_s[index]);
-            let (mut min, mut max, mut sum) = (f64::INFINITY, f64::NEG_INFINITY, 0.0);
-            for rate in rates {
-                (min, max, sum) = (min.min(rate), max.max(rate), sum + rate);
-            }
-            if !samples.is_empty() {
-                let (axis, mean) = (["X", "Y", "Z"][gyro.axis], sum / samples.len() as f64);
-                writeln!(f, "{:<12} about {axis}: {mean:.3} arcsec/s, {min:.3} to {max:.3}", gyro.name)?;
-            }
-        }
-        let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
-        defects.iter().for_each(|defect| *counts.entry(defect.kind.name()).or_default() += 1);
-        writeln!(f, "defects      {}", defects.len())?;
-        counts.iter().try_for_each(|(kind, count)| writeln!(f, "  {kind:<14} {count}"))
-    }
 }
 
 #[cfg(test)]
@@ -236,8 +197,6 @@ mod tests {
         let expected = [(3, not("x")), (4, not("nan")), (5, GyroCsvDefectKind::Fields { expected: 4, got: 3 })];
         assert_eq!(kinds(&broken), expected);
         assert_eq!(broken.samples.len(), 2);
-        let account = broken.account().to_string();
-        assert!(account.contains("5: 2 samples, 3 refused") && account.contains("not-a-number   2"), "{account}");
     }
 
     #[test]

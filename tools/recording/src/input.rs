@@ -64,6 +64,9 @@ pub enum InputError {
     /// Text in no known format.
     #[error("{name}: line 1: expected {}, got {got}; --input-format selects a format", Format::titles(true))]
     UnknownText { name: String, got: String },
+    /// Text without the columns of the unit's table.
+    #[error("{name}: line 1: expected {expected}, got {got}")]
+    Columns { name: String, expected: String, got: String },
     /// Binary without a frame.
     #[error("{name}: offset 0 to {length}: expected {expected}, got none; it begins {got}")]
     NoFrame { name: String, length: u64, got: String, expected: String },

@@ -68,6 +68,16 @@ pub trait Decode {
     fn finish(&mut self, sink: &mut impl Sink<Self::Row>);
     fn into_summary(self) -> DecodeSummary;
 
+    /// The format of an input, from its first bytes; `is_complete` if no more are available for it.
+    fn detect(&self, head: &[u8], is_complete: bool) -> Detected {
+        detect(head, is_complete)
+    }
+
+    /// Columns that a table must have, in words, if the unit has nothing else.
+    fn columns(&self) -> Option<String> {
+        None
+    }
+
     /// Serial frames or captures that are expected, in words.
     fn expected(&self) -> String {
         format!("{} with a matching CRC", Format::titles(false))
@@ -184,11 +194,11 @@ impl<'a, D: Decode> InputReader<'a, D> {
             (filled, offset) = (filled + length, offset + length as u64);
             if target.is_none() {
                 let head = &buffer[..filled.min(HEAD)];
-                match detect(head, filled >= HEAD) {
+                match self.decoder.detect(head, filled >= HEAD) {
                     Detected::Format(format) => target = Some(self.target(format)),
                     Detected::Undecided => continue,
                     Detected::Foreign(foreign) => return Err(InputError::Foreign { name: name.to_owned(), foreign }),
-                    Detected::UnknownText => return Err(unknown_text(name, head)),
+                    Detected::UnknownText => return Err(unknown_text(name, head, self.decoder.columns())),
                 }
             }
             if let Some(target) = &mut target {
@@ -211,10 +221,10 @@ impl<'a, D: Decode> InputReader<'a, D> {
         let is_stopped = self.is_done(sink);
         let rest = &buffer[..filled];
         if target.is_none() && filled > 0 {
-            match detect(rest, true) {
+            match self.decoder.detect(rest, true) {
                 Detected::Format(format) => target = Some(self.target(format)),
                 Detected::Foreign(foreign) => return Err(InputError::Foreign { name: name.to_owned(), foreign }),
-                _ if failure.is_none() && !is_stopped => return Err(unknown_text(name, rest)),
+                _ if failure.is_none() && !is_stopped => return Err(unknown_text(name, rest, self.decoder.columns())),
                 _ => {}
             }
         }
@@ -368,10 +378,14 @@ impl Target {
     }
 }
 
-fn unknown_text(name: &str, head: &[u8]) -> InputError {
+fn unknown_text(name: &str, head: &[u8], columns: Option<String>) -> InputError {
     let line = head.split(|&byte| byte == b'\n').next().unwrap_or_default();
     let got = format!("{:?}", excerpt(&String::from_utf8_lossy(line)));
-    InputError::UnknownText { name: name.to_owned(), got }
+    let name = name.to_owned();
+    match columns {
+        Some(expected) => InputError::Columns { name, expected, got },
+        None => InputError::UnknownText { name, got },
+    }
 }
 
 fn no_frame(name: &str, length: u64, head: &[u8], expected: String) -> InputError {

@@ -60,8 +60,8 @@ pub use decoder::{Decoder, DecoderOptions};
 pub use defect::{Defect, DefectKind, place_text};
 pub use device_decoder::DeviceDecoder;
 pub use gyro_csv::{
-    GyroColumn, GyroCsv, GyroCsvDefect, GyroCsvDefectKind, GyroCsvError, GyroCsvSpec, GyroCsvSummary as GyroCsvAccount,
-    RateColumn, RateSample, ReferenceTable,
+    GyroColumn, GyroCsv, GyroCsvDefect, GyroCsvDefectKind, GyroCsvError, GyroCsvSpec, RateColumn, RateSample,
+    ReferenceTable,
 };
 pub use input::{InputError, is_live};
 pub use input_reader::{Decode, InputReader, Stop};

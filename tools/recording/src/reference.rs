@@ -13,7 +13,7 @@ use nalgebra::{Quaternion, UnitQuaternion};
 
 use crate::aem;
 use crate::csv_table::{CsvTable, TableError};
-use crate::text::{RowReader, open_rows};
+use crate::text::{RowReader, open_rows, timestamp};
 
 const COLUMNS: &str = "t_s and either rate_x_arcsec_s, rate_y_arcsec_s, rate_z_arcsec_s or q_w, q_x, q_y, q_z";
 
@@ -124,7 +124,8 @@ impl ReferenceAttitude {
         let mut sigma_arcsec = Vec::new();
         while table.read()? {
             let number = |column: usize| table.number(column);
-            let t_ns = nanoseconds(table.text(columns.t)).ok_or_else(|| table.unexpected(columns.t, "a number"))?;
+            let time = timestamp(table.text(columns.t), 1_000_000_000);
+            let t_ns = time.ok_or_else(|| table.unexpected(columns.t, "a number"))?.t_ns;
             // Seconds since the first row, so that no digit of a Unix time is lost.
             let t_s = (t_ns - *base_ns.get_or_insert(t_ns)) as f64 * 1e-9;
             let angle_control_arcsec = match columns.motion {
@@ -195,18 +196,6 @@ impl ReferenceAttitude {
 /// The turn, about the control axes and by the shorter way, from one attitude (control frame to inertial) to the next.
 pub(crate) fn turn_arcsec(before: &UnitQuaternion<f64>, now: &UnitQuaternion<f64>) -> [f64; 3] {
     ((before.inverse() * now).scaled_axis() * ARCSEC_PER_RAD).into()
-}
-
-/// Seconds in decimal as whole nanoseconds; digits beyond are dropped.
-fn nanoseconds(text: &str) -> Option<i64> {
-    let (whole, fraction) = text.split_once('.').unwrap_or((text, ""));
-    if !fraction.bytes().all(|byte| byte.is_ascii_digit()) || whole.is_empty() {
-        return None;
-    }
-    let digits: String = fraction.chars().chain(std::iter::repeat('0')).take(9).collect();
-    let (seconds, nanoseconds) = (whole.parse::<i64>().ok()?, digits.parse::<i64>().ok()?);
-    let signed = if whole.starts_with('-') { -nanoseconds } else { nanoseconds };
-    seconds.checked_mul(1_000_000_000)?.checked_add(signed)
 }
 
 #[cfg(test)]

@@ -30,8 +30,12 @@ impl ReceivedSample {
 /// One sample of a described unit as it was received.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct DeviceSample {
-    /// Receive time, if known.
+    /// Receive time, if known; in a table the end of the sample's interval.
     pub time: Option<Timestamp>,
+    /// Start of the interval, if a table states it.
+    pub start: Option<Timestamp>,
+    /// Trial, if a table has several; their times are independent.
+    pub group: String,
     /// Number of the sample, missing ones counted, from 0.
     pub number: u64,
     /// Values in the order of [`geu_protocol::layout::FrameSet::values`]; `NaN` where no frame had it.

@@ -7,6 +7,8 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader, Cursor, Read};
 use std::path::Path;
 
+use geu_protocol::capture::Timestamp;
+
 use crate::input::{claim, unpack};
 
 /// Bytes of a document (configuration, plan, description, result as JSON): the `run.toml` of a run with 200 000 commands. Parsed, a
@@ -57,6 +59,22 @@ pub fn read_text(path: &Path) -> io::Result<String> {
 /// A file that cannot be opened.
 pub fn open_rows(path: &Path) -> io::Result<RowReader<Box<dyn Read>>> {
     Ok(RowReader::new(open_bytes(path)?))
+}
+
+/// A number of units of time as nanoseconds; `unit_ns` is a power of ten. Decimals are exact, digits beyond the nanosecond are dropped.
+pub(crate) fn timestamp(text: &str, unit_ns: i64) -> Option<Timestamp> {
+    let places = unit_ns.ilog10() as usize;
+    let (whole, fraction) = text.split_once('.').unwrap_or((text, ""));
+    let digits = (fraction.len() + 9 - places).min(9) as u8;
+    let is_decimal = fraction.bytes().all(|byte| byte.is_ascii_digit());
+    let Some(whole_units) = whole.parse::<i64>().ok().filter(|_| is_decimal) else {
+        let t_ns = text.parse::<f64>().ok()? * unit_ns as f64;
+        return (t_ns.abs() < i64::MAX as f64).then_some(Timestamp { t_ns: t_ns.round() as i64, digits: 9 });
+    };
+    let part = fraction.bytes().chain(std::iter::repeat(b'0')).take(places);
+    let part_ns = part.fold(0, |sum, digit| 10 * sum + i64::from(digit - b'0'));
+    let part_ns = if whole.starts_with('-') { -part_ns } else { part_ns };
+    Some(Timestamp { t_ns: whole_units.checked_mul(unit_ns)?.checked_add(part_ns)?, digits })
 }
 
 fn open_bytes(path: &Path) -> io::Result<Box<dyn Read>> {
@@ -209,6 +227,23 @@ mod tests {
         std::fs::write(&path, b"seed = 1\nname = \"\xFF\"\n").expect("a file");
         let message = read_text(&path).expect_err("no UTF-8").to_string();
         assert_eq!(message, "line 2: expected UTF-8, got the byte FF");
+    }
+
+    #[test]
+    fn a_time_keeps_its_decimals_in_any_unit() {
+        for (text, unit_ns, t_ns, digits) in [
+            ("1693838903.25", 1_000_000_000, 1_693_838_903_250_000_000, 2),
+            ("-0.5", 1_000_000_000, -500_000_000, 1),
+            ("1693838903123.4567", 1_000_000, 1_693_838_903_123_456_700, 7),
+            ("1693838903123456789.9", 1, 1_693_838_903_123_456_789, 9),
+            ("1.5e3", 1_000_000, 1_500_000_000, 9),
+            (".5", 1_000, 500, 9),
+        ] {
+            assert_eq!(timestamp(text, unit_ns), Some(Timestamp { t_ns, digits }), "{text}");
+        }
+        for text in ["", "x", "nan", "inf", "-", "1.5x", "9223372036.9", "1e300", "99999999999999999999"] {
+            assert_eq!(timestamp(text, 1_000_000_000), None, "{text}");
+        }
     }
 
     #[test]

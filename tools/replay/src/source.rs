@@ -274,7 +274,11 @@ impl Sink for ReplaySource {
                 .ok()
                 .and_then(|id| CanFrame::new(id, frame.data))
                 .map(|classic| (frame, classic)),
-            CaptureRecord::Frame(_) | CaptureRecord::Remote | CaptureRecord::Fd | CaptureRecord::Error => None,
+            CaptureRecord::Frame(_)
+            | CaptureRecord::Remote
+            | CaptureRecord::Fd
+            | CaptureRecord::Error
+            | CaptureRecord::Line(_) => None,
             CaptureRecord::Broken { .. } => {
                 self.report.broken += 1;
                 return;

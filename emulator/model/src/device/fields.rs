@@ -39,6 +39,9 @@ pub struct Unstated<'a> {
     pub unit: &'a str,
 }
 
+/// A field without scale and offset.
+pub const PLAIN: Unstated = Unstated { scale: 1.0, offset: 0.0, unit: "" };
+
 impl<'a> Fields<'a> {
     /// Fields of a link, beside these values of another one.
     pub fn new(device: &'a Device, values: Vec<ValueSpec>) -> Fields<'a> {

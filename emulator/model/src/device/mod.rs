@@ -13,13 +13,14 @@ mod fields;
 mod model;
 mod output;
 mod serial;
+mod table;
 
 use std::cell::RefCell;
 use std::sync::{Arc, LazyLock};
 
 use geu_protocol::Gyro;
 use geu_protocol::describe::Wire;
-use geu_protocol::layout::{Coding, Quantity, ValueSpec};
+use geu_protocol::layout::{Coding, FrameSet, Quantity, ValueSpec};
 use geu_protocol::suggestion::did_you_mean;
 
 use crate::configuration::{ConfigText, ConfigurationError, Node};
@@ -30,6 +31,7 @@ use crate::units::{ARCSEC_PER_DEG, FULL_SCALE_ARCSEC_S, SAMPLE_INTERVAL_S};
 use self::fields::is_identifier;
 pub use can::CanWire;
 pub use serial::SerialWire;
+pub use table::{TableWire, TimeColumn};
 
 /// Largest number of heads.
 pub const MAX_HEADS: usize = 8;
@@ -95,6 +97,7 @@ pub struct Device {
     /// The link of the default unit is not described: it has a codec of its own.
     pub serial: Option<SerialWire>,
     pub can: Option<CanWire>,
+    pub table: Option<TableWire>,
 }
 
 impl PartialEq for Device {
@@ -123,6 +126,7 @@ devices! {
     "openimu300ri" ["openimu300ri.dbc"];
     "stim300" [];
     "stim300-increment" [];
+    "suchai3" [];
     "tetrad" [];
 }
 
@@ -171,6 +175,7 @@ impl Device {
                 heads: Gyro::ALL.map(head).to_vec(),
                 serial: None,
                 can: None,
+                table: None,
             })
         });
         IRAS.clone()
@@ -186,7 +191,8 @@ impl Device {
         root.only(&["device"])?;
         let node = root.table("device")?;
         let node = node.ok_or_else(|| root.error("device", "expected a table [device], got none".to_owned()))?;
-        node.only(&["name", "source", "interval_s", "output", "range_arcsec_s", "clock_hz", "head", "serial", "can"])?;
+        let numbers = ["interval_s", "output", "range_arcsec_s", "clock_hz"];
+        node.only(&[&["name", "source", "head", "serial", "can", "table"][..], &numbers].concat())?;
         let heads = node.tables("head")?;
         let heads = heads.iter().zip(0..=u8::MAX);
         let heads = heads.map(|(node, index)| head(node, index)).collect::<Result<Vec<_>, _>>()?;
@@ -225,37 +231,55 @@ impl Device {
             heads,
             serial: None,
             can: None,
+            table: None,
         };
         device.serial = node.table("serial")?.map(|serial| SerialWire::read(&serial, &device)).transpose()?;
-        let values = device.serial.as_ref().map(|serial| serial.frames.values.clone()).unwrap_or_default();
+        let values = device.values().to_vec();
         device.can = node.table("can")?.map(|can| CanWire::read(&can, &device, values, &files)).transpose()?;
-        if let (Some(serial), Some(can)) = (&mut device.serial, &device.can) {
-            Arc::make_mut(&mut serial.frames).values.clone_from(&can.frames.values);
+        let values = device.values().to_vec();
+        device.table = node.table("table")?.map(|table| TableWire::read(&table, &device, values)).transpose()?;
+        let values = device.values().to_vec();
+        for set in device.sets_mut() {
+            Arc::make_mut(set).values.clone_from(&values);
+        }
+        if let (Some(serial), Some(can)) = (&device.serial, &device.can) {
             let is_shared = |name: &str| serial.frames.frames.iter().any(|frame| frame.name.eq_ignore_ascii_case(name));
             if let Some(frame) = can.frames.frames.iter().find(|frame| is_shared(&frame.name)) {
                 let message = format!("expected messages of other names than the serial frames, got {}", frame.name);
                 return Err(node.error("can", message));
             }
         }
-        if device.serial.is_none() && device.can.is_none() {
-            return Err(node.error("serial", "expected a table [device.serial] or [device.can], got none".to_owned()));
+        if device.sets().next().is_none() {
+            let message = "expected a table [device.serial], [device.can] or [device.table], got none";
+            return Err(node.error("serial", message.to_owned()));
         }
         device.count_sizes();
         device.description.files = read.into_inner();
         Ok(device)
     }
 
+    /// Frames of the serial line, of CAN and of the table, where the unit has them.
+    fn sets(&self) -> impl Iterator<Item = &Arc<FrameSet>> {
+        let serial = self.serial.iter().map(|serial| &serial.frames);
+        serial.chain(self.can.iter().map(|can| &can.frames)).chain(self.table.iter().map(|table| &table.frames))
+    }
+
+    fn sets_mut(&mut self) -> impl Iterator<Item = &mut Arc<FrameSet>> {
+        let serial = self.serial.iter_mut().map(|serial| &mut serial.frames);
+        let can = self.can.iter_mut().map(|can| &mut can.frames);
+        serial.chain(can).chain(self.table.iter_mut().map(|table| &mut table.frames))
+    }
+
     /// One count is one unit of the number on the wire, on the serial line if there are two; of a float it is an arcsec.
     fn count_sizes(&mut self) {
-        let sets = [self.serial.as_ref().map(|serial| &serial.frames), self.can.as_ref().map(|can| &can.frames)];
         let mut sizes = Vec::new();
         for head in 0..self.heads.len() {
-            let fields = sets.iter().flatten().flat_map(|set| {
+            let mut fields = self.sets().flat_map(|set| {
                 let slot = set.slot(&Quantity::Output(head));
                 let fields = set.frames.iter().flat_map(|frame| &frame.fields);
                 fields.filter(move |field| Some(field.slot) == slot).map(|field| (field, &set.values[field.slot]))
             });
-            let whole = fields.clone().next().filter(|(field, _)| field.place.coding != Coding::Float);
+            let whole = fields.next().filter(|(field, _)| field.place.coding != Coding::Float);
             sizes.push(whole.map(|(field, value)| field.scale().abs() * self.arcsec_per_unit(value)));
         }
         for (head, size) in self.heads.iter_mut().zip(sizes) {
@@ -294,8 +318,7 @@ impl Device {
 
     /// Values of a sample, the same on all links.
     pub fn values(&self) -> &[ValueSpec] {
-        let frames = self.can.as_ref().map(|can| &can.frames).or(self.serial.as_ref().map(|serial| &serial.frames));
-        frames.map_or(&[], |frames| &frames.values)
+        self.sets().last().map_or(&[], |frames| &frames.values)
     }
 
     /// True if frames are found without a constant or a check of all fields.

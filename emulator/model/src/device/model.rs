@@ -11,9 +11,14 @@ use crate::units::{ARCSEC_PER_RAD, FULL_SCALE_ARCSEC_S};
 const DESCRIBED_PPM: f64 = 1e5;
 
 impl Device {
-    /// True for the default unit, with commands and links of its own.
+    /// True for the default unit, with commands and links of its own: it alone has no description.
     pub fn is_iras(&self) -> bool {
-        self.serial.is_none() && self.can.is_none()
+        self.description.text.is_empty()
+    }
+
+    /// True unless the samples of the unit come in a table alone.
+    pub fn has_link(&self) -> bool {
+        self.is_iras() || self.serial.is_some() || self.can.is_some()
     }
 
     /// Nominal interval of samples, ns.

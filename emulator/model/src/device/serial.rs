@@ -7,13 +7,10 @@ use geu_protocol::layout::{Assembly, BitField, Check, Coding, Field, Frame, Fram
 use geu_protocol::serial::{BITS_PER_BYTE, DEFAULT_BAUD};
 use geu_protocol::suggestion::did_you_mean;
 
-use super::fields::{Fields, Unstated, is_identifier};
+use super::fields::{Fields, PLAIN, is_identifier};
 use super::{Device, positive};
 use crate::configuration::{ConfigurationError, Node};
 use crate::parameter_spec::ValueFormat;
-
-/// A field without scale and offset.
-const PLAIN: Unstated = Unstated { scale: 1.0, offset: 0.0, unit: "" };
 
 /// Most checks of a frame: each has tables.
 const MAX_CHECKS: usize = 4;

@@ -2,8 +2,8 @@
 
 use std::io::Write;
 
+use geu_model::device::{Device, TableWire};
 use geu_protocol::capture::Timestamp;
-use geu_protocol::layout::ValueSpec;
 use geu_recording::DeviceSample;
 
 use super::{TextFormat, quote, write_seconds};
@@ -18,17 +18,32 @@ pub struct DeviceRows {
     names: Vec<String>,
     /// For recordings without receive times.
     interval_s: f64,
+    /// True for columns with the start and the trial of a row.
+    has_start: bool,
+    has_group: bool,
 }
 
 impl DeviceRows {
-    pub fn new(format: TextFormat, values: &[ValueSpec], interval_s: f64) -> DeviceRows {
-        DeviceRows { format, names: values.iter().map(|value| value.name.clone()).collect(), interval_s }
+    pub fn new(format: TextFormat, device: &Device) -> DeviceRows {
+        let has = |column: fn(&TableWire) -> bool| device.table.as_ref().is_some_and(column);
+        DeviceRows {
+            format,
+            names: device.values().iter().map(|value| value.name.clone()).collect(),
+            interval_s: device.interval_s,
+            has_start: has(|table| table.start.is_some()),
+            has_group: has(|table| table.group.is_some()),
+        }
     }
 
     /// The header line.
     pub fn header(&self) -> String {
         match self.format {
-            TextFormat::Csv => format!("t_s,number,{}\n", self.names.join(",")),
+            TextFormat::Csv => {
+                let more = [("start_s", self.has_start), ("group", self.has_group)];
+                let more = more.into_iter().filter(|(_, has)| *has).map(|(name, _)| name);
+                let names: Vec<&str> = self.names.iter().map(String::as_str).chain(more).collect();
+                format!("t_s,number,{}\n", names.join(","))
+            }
             TextFormat::Jsonl => String::new(),
         }
     }
@@ -54,6 +69,20 @@ impl DeviceRows {
                 }
                 _ if value.is_finite() => write_real(value, out),
                 _ => out.extend_from_slice(if is_json { b"null" } else { b"" }),
+            }
+        }
+        if self.has_start {
+            out.extend_from_slice(if is_json { b",\"start_s\":" } else { b"," });
+            match row.start {
+                Some(start) => write_seconds(start, out),
+                None => out.extend_from_slice(if is_json { b"null" } else { b"" }),
+            }
+        }
+        if self.has_group {
+            out.extend_from_slice(if is_json { b",\"group\":" } else { b"," });
+            match is_json || row.group.contains([',', '"']) {
+                true => quote(&row.group, out),
+                false => out.extend_from_slice(row.group.as_bytes()),
             }
         }
         out.extend_from_slice(if is_json { b"}\n" } else { b"\n" });
