@@ -3,8 +3,10 @@
 //! Sequence and clock of the unit place the samples. Receive times, averaged over five minutes, date them: jitter averages
 //! out, a fast or drifting clock remains.
 
+mod device_reader;
 mod reader;
 
+pub use device_reader::{ConstantRun, DeviceCountsReader, DeviceRecording};
 use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::field::{GYRO_FLAGS, unit_flag};
 use geu_protocol::{Gyro, Gyros, Sample};
@@ -28,6 +30,10 @@ pub enum BreakKind {
     Saturated,
     /// The counts are the self-test's pattern.
     SelfTest,
+    /// A sample far from its neighbours.
+    Outlier,
+    /// The output does not change.
+    Constant,
 }
 
 impl std::fmt::Display for BreakKind {
@@ -41,6 +47,8 @@ impl std::fmt::Display for BreakKind {
             BreakKind::Invalid => write!(f, "the count is not valid"),
             BreakKind::Saturated => write!(f, "the count is saturated"),
             BreakKind::SelfTest => write!(f, "the self-test runs"),
+            BreakKind::Outlier => write!(f, "a sample is far from its neighbours"),
+            BreakKind::Constant => write!(f, "the output does not change"),
         }
     }
 }

@@ -24,7 +24,9 @@ pub mod window;
 
 pub use calibrate::{AttitudeSource, CalibrateError, Calibrated, calibrate};
 pub use compare::{Comparison, PreviousCalibration, combine, compare};
-pub use counts::{AccumulatedCounts, BreakKind, CountsReader, Discontinuity, Interpolation};
+pub use counts::{
+    AccumulatedCounts, BreakKind, CountsReader, DeviceCountsReader, DeviceRecording, Discontinuity, Interpolation,
+};
 pub use prior::{PriorCalibration, PriorError};
 pub use track::{GyroSelection, Track, Tracker, TrackerEvent};
 pub use transfer::{GyroSet, Transfer};

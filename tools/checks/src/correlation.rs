@@ -37,10 +37,19 @@ const FACTORS: &[(f64, &str)] = &[
     (1.0 / 206_264.806, "counts in radians"),
     (206_264.806, "a reference in rad/s"),
     (206.264_806, "a reference in mrad/s"),
+    (57.295_780, "degrees in place of radians"),
+    (1.0 / 57.295_780, "radians in place of degrees"),
     (4.848_137, "a count of 1 microradian"),
     (2.0, "counts per second instead of per sample interval"),
     (0.5, "a reference of double rates"),
 ];
+
+/// The nearest known factor, and its cause.
+pub fn known_factor(factor: f64) -> Option<(f64, &'static str)> {
+    let off = |known: f64| (factor / known - 1.0).abs();
+    let nearest = FACTORS.iter().min_by(|one, other| off(one.0).total_cmp(&off(other.0)))?;
+    (off(nearest.0) < TOLERANCE).then_some(*nearest)
+}
 
 /// Variances and covariance of a gyro's predicted and measured counts.
 struct Covariance {
@@ -94,8 +103,7 @@ pub fn wrong_units(compared: &mut CountComparison, findings: &mut FindingCollect
             continue;
         };
         wrong += 1;
-        let name = FACTORS.iter().find(|(known, _)| (factor.abs() / known - 1.0).abs() < TOLERANCE);
-        let likely = name.map_or(String::new(), |(_, name)| format!(", as by {name}"));
+        let likely = known_factor(factor.abs()).map_or(String::new(), |(_, name)| format!(", as by {name}"));
         let text = format!("counts are {factor:.6} times what the motion predicts{likely}");
         findings.whole("unit-factor", Some(gyro), text);
         compared.samples.iter_mut().for_each(|sample| sample.is_used[gyro.index()] = false);

@@ -322,7 +322,8 @@ pub fn put(series: &[f64], mode: Mode, course: Option<&[f64]>, blocks: Range<usi
     match mode {
         Mode::Level => own.map(|(value, factor)| value * factor).collect(),
         Mode::Rate => {
-            let (mut sum, mut before) = (0.0, if from == 0 { 0.0 } else { series.get(from - 1).copied().unwrap_or(0.0) });
+            let (mut sum, mut before) =
+                (0.0, if from == 0 { 0.0 } else { series.get(from - 1).copied().unwrap_or(0.0) });
             own.map(|(value, factor)| {
                 sum += (value - std::mem::replace(&mut before, *value)) * factor;
                 sum

@@ -61,7 +61,8 @@ pub fn held_out(case: &DiagnosisCase, state: &ModelState) -> ResidualStats {
             }
         }
         let white = NormalEquations::new(case.whitenings(&state.noise), &own, &[], &[]);
-        chi2 += squares(white.residual[..TIMING].iter().flat_map(|values| values.get(range.clone()).unwrap_or_default()));
+        chi2 +=
+            squares(white.residual[..TIMING].iter().flat_map(|values| values.get(range.clone()).unwrap_or_default()));
     }
     // Each third has its own fit, so that a window starts at its first node.
     let plain = residual_stats::residual(measured, &model);

@@ -1,9 +1,10 @@
 //! A diagnosis from start to end: missing effects, outdated calibration parameters, residual.
 
 use std::cell::LazyCell;
+use std::sync::Arc;
 
-use geu_calibration::CountsReader;
 use geu_calibration::window::ManoeuvreWindow;
+use geu_calibration::{CountsReader, DeviceRecording};
 use geu_model::Configuration;
 use geu_recording::{Defect, ReceivedSample, ReferenceAttitude, Sink};
 
@@ -26,8 +27,7 @@ use crate::shares::Shares;
 use crate::solution::{DiagnosisOptions, Solution};
 use crate::unexplained::unexplained;
 use crate::whiteness::{kurtosis, moment, whiteness_statistic};
-use geu_checks::Finding;
-use geu_checks::check;
+use geu_checks::{Finding, WiringFault, check, check_heads};
 use geu_protocol::Gyros;
 
 /// χ² of two degrees of freedom that a walk of constant growth exceeds once in a thousand recordings.
@@ -46,8 +46,7 @@ pub fn diagnose_rows(
     reference: &ReferenceAttitude,
     options: &DiagnosisOptions,
 ) -> Result<Diagnosis, MeasuredError> {
-    let progress = options.progress;
-    progress("exact checks");
+    (options.progress)("exact checks");
     let checked = check(rows, defects, nominal, reference);
     let counts = |rows: &[ReceivedSample]| {
         let mut reader = CountsReader::default();
@@ -56,8 +55,39 @@ pub fn diagnose_rows(
     };
     let measured = MeasuredData::new(counts(&checked.rows)?, reference, nominal)?;
     let raw = if checked.faults.is_empty() { None } else { MeasuredData::new(counts(rows)?, reference, nominal).ok() };
-    let solution = Solution::new(&measured, nominal, options, true);
-    let mut findings = checked.findings;
+    Ok(diagnose(&measured, raw, (checked.findings, checked.faults), nominal, options))
+}
+
+/// Diagnoses the recording of a described unit, exact checks included.
+///
+/// # Errors
+/// Recording and reference have too little in common.
+pub fn diagnose_device(
+    recording: DeviceRecording,
+    nominal: &Configuration,
+    reference: &ReferenceAttitude,
+    options: &DiagnosisOptions,
+) -> Result<Diagnosis, MeasuredError> {
+    (options.progress)("exact checks");
+    let device = Arc::new(nominal.device.at_nodes(recording.counts.interval_s));
+    let nominal = Configuration { device, ..nominal.clone() };
+    let raw = recording.counts.clone();
+    let checked = check_heads(recording, &nominal, reference);
+    let measured = MeasuredData::new(checked.counts, reference, &nominal)?;
+    let raw = if checked.faults.is_empty() { None } else { MeasuredData::new(raw, reference, &nominal).ok() };
+    Ok(diagnose(&measured, raw, (checked.findings, checked.faults), &nominal, options))
+}
+
+/// Diagnoses a recording after the exact checks; `raw` is the recording before wiring faults were corrected, if there are any.
+fn diagnose(
+    measured: &MeasuredData,
+    raw: Option<MeasuredData>,
+    (mut findings, faults): (Vec<Finding>, Vec<WiringFault>),
+    nominal: &Configuration,
+    options: &DiagnosisOptions,
+) -> Diagnosis {
+    let progress = options.progress;
+    let solution = Solution::new(measured, nominal, options, true);
     findings.extend(solution.is_closed_loop().then(|| closed_loop(solution.correlation)));
     findings.extend(measured.smoothed.as_deref().and_then(glitches));
     findings.extend(measured.reference_sigma.as_ref().and_then(ReferenceSigma::finding));
@@ -69,9 +99,10 @@ pub fn diagnose_rows(
     progress("report");
     let (case, bank, thresholds, start) = (&case, &bank, &thresholds, &start);
     let DiagnosisOptions { manoeuvres, seed, plans_manoeuvres, .. } = *options;
-    let entries = Entries { case, bank, thresholds, faults: &checked.faults, plans_manoeuvres };
+    let plans_manoeuvres = plans_manoeuvres && nominal.device.is_iras();
+    let entries = Entries { case, bank, thresholds, faults: &faults, plans_manoeuvres };
     let report = Report { entries, start, raw: raw.as_ref(), manoeuvres, seed };
-    Ok(report.finish(selected, findings))
+    report.finish(selected, findings)
 }
 
 struct Report<'a> {

@@ -226,7 +226,9 @@ impl<'a> DiscriminatingTests<'a> {
         let candidate = |measured: MeasuredData| Candidate {
             measured,
             nuisances: self.case.nuisances.iter().map(first).collect(),
-            rounding: Arc::new(self.case.rounding.each_ref().map(|channel| channel.iter().take(samples / BLOCK).copied().collect())),
+            rounding: Arc::new(
+                self.case.rounding.each_ref().map(|channel| channel.iter().take(samples / BLOCK).copied().collect()),
+            ),
             linear: self.case.linear.on_another_motion(),
         };
         let opposite = measured.again(samples, |celsius| 2.0 * mean_c - celsius);

@@ -17,7 +17,7 @@ use crate::measured::{CHANNELS, TIMING};
 use crate::model_selection::SelectedModel;
 use crate::model_state::LAG_S;
 use crate::next_manoeuvre::DiscriminatingTest;
-use crate::noise::Walk;
+use crate::noise::{self, Walk};
 use crate::null_distribution::Thresholds;
 use crate::outcome::{Chi2Fall, Class, Correction, DiagnosedEffect, EstimatedValue, ReportedAlternative};
 use crate::search::{search, shape_penalty};
@@ -156,8 +156,11 @@ impl Entries<'_> {
             }
         };
         let mut entries: Vec<DiagnosedEffect> = all.iter().map(of).collect();
-        // A further walk is accepted below its threshold; alone it is not stated.
-        entries.retain(|entry| !entry.is_below_threshold());
+        // A further walk is accepted below its threshold; alone it is not stated. Nor is noise of which the configuration states none.
+        let is_declared = |entry: &DiagnosedEffect| {
+            entry.gyros.gyros().all(|gyro| noise::is_declared(self.case.nominal, gyro.index()))
+        };
+        entries.retain(|entry| !entry.is_below_threshold() && is_declared(entry));
         if !entries.is_empty() {
             self.noise_alternatives(selected, &mut entries);
         }

@@ -52,7 +52,7 @@ mod unexplained;
 mod whiteness;
 pub mod whitening;
 
-pub use diagnosis::diagnose_rows;
+pub use diagnosis::{diagnose_device, diagnose_rows};
 pub use diagnosis_case::DiagnosisCase;
 pub use measured::{MeasuredData, MeasuredError};
 pub use null_distribution::Thresholds;

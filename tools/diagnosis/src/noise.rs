@@ -26,6 +26,9 @@ const CONVERGED: f64 = 0.02;
 const WINDOW: usize = 120;
 /// Minimum white noise in addition to rounding, counts²: a tenth of ten independent roundings, since the model's rate is not exact.
 const MIN_WHITE: f64 = 0.1 / 12.0 / BLOCK as f64;
+/// Lengths of averages, blocks, of which second differences are taken, and the minimum number of these.
+const LENGTHS: [usize; 4] = [1, 2, 4, 8];
+const MIN_DIFFERENCES: usize = 12;
 /// Minimum white noise of angles that are not rounded, arcsec².
 const MIN_EXACT: f64 = 1e-8;
 /// Minimum white noise of the times, 1 µs in units of the channel.
@@ -102,8 +105,14 @@ pub fn configured(
     let block_s = measured.block_s();
     std::array::from_fn(|channel| {
         let effects = configuration.gyros.get(channel).map(|gyro| &gyro.effects.constant);
-        let [angle_walk, rate_walk, scale_walk, flicker] =
-            Walk::ALL.map(|walk| effects.map_or(0.0, |own| walk.growth(own)));
+        let growths = Walk::ALL.map(|walk| effects.map_or(0.0, |own| walk.growth(own)));
+        if effects.is_some() && !is_declared(configuration, channel) {
+            let blocks = &measured.blocks[channel];
+            let (white, angle_walk) = of_differences(&residual[channel], blocks, &rounding[channel], block_s);
+            let white = white.max(min_white(measured, channel));
+            return NoiseModel { white, angle_walk, rate_walk: 0.0, scale_walk: 0.0, flicker: 0.0 };
+        }
+        let [angle_walk, rate_walk, scale_walk, flicker] = growths;
         let variance =
             second_differences(&residual[channel], &measured.blocks[channel], &rounding[channel], scale_walk);
         // The second difference of a walk contains two of its steps, each averaged over a ramp: 2/3 of a whole step, and −1/6 with its
@@ -113,6 +122,48 @@ pub fn configured(
         let min = if is_dequantised { 0.0 } else { min_white(measured, channel) };
         NoiseModel { white: white.max(min), angle_walk, rate_walk, scale_walk, flicker }
     })
+}
+
+/// True if the noise of a gyro is that of its configuration; else that of the residual.
+pub fn is_declared(configuration: &Configuration, gyro: usize) -> bool {
+    let effects = &configuration.gyros[gyro].effects.constant;
+    configuration.device.is_iras() || Walk::ALL.iter().any(|walk| walk.growth(effects) > 0.0)
+}
+
+/// White noise and angle random walk of a residual: the variance of second differences of averages over 1 to 8 blocks, of neighbours,
+/// is 6 w/n + n q for a white variance w and a growth q over a block. Medians, which no missing effect changes.
+fn of_differences(residual: &[f64], blocks: &[Block], rounding: &[BlockRounding], block_s: f64) -> (f64, f64) {
+    let of_length = |length: usize| {
+        let average = |at: usize| {
+            let range = at * length..(at + 1) * length;
+            let is_known = blocks.get(range.clone())?.iter().all(|block| block.is_compared && !block.restarts);
+            is_known.then(|| residual[range].iter().sum::<f64>() / length as f64)
+        };
+        let averages: Vec<Option<f64>> = (0..blocks.len() / length).map(average).collect();
+        let difference = |own: &[Option<f64>]| Some((own[0]? - 2.0 * own[1]? + own[2]?).abs());
+        let mut sizes: Vec<f64> = averages.windows(3).filter_map(difference).collect();
+        let is_enough = sizes.len() >= MIN_DIFFERENCES;
+        is_enough.then(|| (length as f64, (median(&mut sizes) / MEDIAN_OF_NORMAL).powi(2)))
+    };
+    // Rounding of slow motion is no white noise; it stands beside both.
+    let rounded = rounding.iter().map(|own| own.second_difference).sum::<f64>() / rounding.len().max(1) as f64;
+    let known: Vec<(f64, f64)> = LENGTHS.iter().filter_map(|&length| of_length(length)).collect();
+    // Least squares of relative errors, of white noise and walk or of one of them.
+    let (mut aa, mut ab, mut bb, mut ay, mut by) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    for (length, variance) in &known {
+        let variance = (variance - rounded).max(1e-3 * variance).max(f64::MIN_POSITIVE);
+        let (a, b) = (6.0 / length / variance, length / variance);
+        (aa, ab, bb, ay, by) = (aa + a * a, ab + a * b, bb + b * b, ay + a, by + b);
+    }
+    let determinant = aa * bb - ab * ab;
+    let (white, walk) = ((ay * bb - by * ab) / determinant, (by * aa - ay * ab) / determinant);
+    let (white, walk) = match (white > 0.0, walk > 0.0) {
+        _ if known.len() < 2 => (known.first().map_or(0.0, |own| own.1 / 6.0), 0.0),
+        (true, true) => (white, walk),
+        (false, _) => (0.0, by / bb),
+        (true, false) => (ay / aa, 0.0),
+    };
+    (white, (walk / block_s).sqrt())
 }
 
 /// Minimum white noise of a channel.

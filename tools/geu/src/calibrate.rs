@@ -5,12 +5,14 @@ use geu_calibration::absolute::AbsoluteData;
 use geu_calibration::compare::MIN_PROBABILITY;
 use geu_calibration::solve::CalibrationParameter;
 use geu_calibration::{
-    AccumulatedCounts, AttitudeSource, Calibrated, Comparison, CountsReader, PreviousCalibration, calibrate, report,
+    AccumulatedCounts, AttitudeSource, Calibrated, Comparison, CountsReader, DeviceCountsReader, DeviceRecording,
+    PreviousCalibration, calibrate, report,
 };
 use geu_model::Configuration;
+use geu_model::device::Device;
 use geu_model::units::SAMPLE_INTERVAL_NS;
 use geu_protocol::CanIdMap;
-use geu_recording::{DecoderOptions, InputReader, ReferenceAttitude, Sink, Stop};
+use geu_recording::{DecoderOptions, DeviceDecoder, InputReader, ReferenceAttitude, Sink, Stop};
 use geu_report::calibration::{CalibrationPage, comparison_table, terminal_table};
 
 use crate::calibrate_compare;
@@ -203,6 +205,22 @@ pub fn read_recordings(names: &[String], plan: Option<CanIdMap>, sink: &mut impl
         reader.read(name, sink).map_err(CommandError::input)?;
     }
     reader.finish(sink).1.map_err(CommandError::input)
+}
+
+/// Reads recordings of a described unit as one stream.
+///
+/// # Errors
+/// An input cannot be read, or contains no sample.
+pub fn read_device(names: &[String], device: &Device, start_ns: i64) -> Result<DeviceRecording, CommandError> {
+    let mut counts = DeviceCountsReader::new(device);
+    let options = DecoderOptions::default();
+    let mut reader = InputReader::with(DeviceDecoder::new(device, &options), options, Stop::default());
+    for name in names {
+        reader.read(name, &mut counts).map_err(CommandError::input)?;
+    }
+    reader.finish(&mut counts).1.map_err(CommandError::input)?;
+    let none = || CommandError::input(format!("{}: expected samples of {}, got none", names.join(" "), device.name));
+    counts.finish(start_ns).ok_or_else(none)
 }
 
 /// Reads recordings as one stream of counts.

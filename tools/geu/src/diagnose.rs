@@ -6,16 +6,15 @@ use std::time::Duration;
 
 use clap::Args;
 use geu_diagnosis::outcome::{Class, DiagnosedEffect, Diagnosis};
-use geu_diagnosis::{DiagnosisOptions, Thresholds, Verdict, diagnose_rows, report};
+use geu_diagnosis::{DiagnosisOptions, Thresholds, Verdict, diagnose_device, diagnose_rows, report};
 use geu_model::Configuration;
-use geu_model::device::Device;
 use geu_protocol::CanIdMap;
 use geu_protocol::capture::{RecordPosition, Timestamp};
 use geu_recording::{Defect, DefectKind, ReceivedSample, ReferenceAttitude, Sink, read_text};
 use geu_report::diagnosis::{DiagnosisPage, text};
 use indicatif::ProgressBar;
 
-use crate::calibrate::read_recordings;
+use crate::calibrate::{read_device, read_recordings};
 use crate::command_error::{CommandError, note, say};
 use crate::diagnose_rates::{self, RatesArguments};
 use crate::outputs::OutputFile;
@@ -31,6 +30,9 @@ const MAX_DEFECTS: usize = 100_000;
 pub struct Arguments {
     #[command(flatten)]
     unit: NamedConfigArgs,
+    /// Unit of the recording: a name of `geu device list`, or a description
+    #[arg(long, value_name = "NAME|FILE")]
+    device: Option<String>,
     /// Recording of the link, CAN or serial; several are one stream
     #[arg(long, required_unless_present = "gyro_csv", num_args = 1.., value_name = "FILE")]
     link: Vec<String>,
@@ -75,10 +77,11 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
             json: arguments.evaluation.json.as_ref(),
         });
     }
-    let settings = ConfigArgs::from(&arguments.unit);
-    let nominal = settings.read()?;
+    let settings = ConfigArgs { device: arguments.device.clone(), ..ConfigArgs::from(&arguments.unit) };
+    let mut nominal = settings.read_of_any()?;
+    // Prescribed rates are of a run; here the unit alone counts.
+    nominal.motion.clear();
     let reference = ReferenceAttitude::read_with_gaps(&arguments.reference).map_err(CommandError::input)?;
-    let recording = DecodedRecording::read(&arguments.link, arguments.evaluation.base)?;
     let windows = arguments.evaluation.windows()?;
     let bar = ProgressBar::new_spinner();
     bar.enable_steady_tick(Duration::from_millis(200));
@@ -92,7 +95,16 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         keep: &|key, thresholds| cache.put(key, thresholds),
         progress: &|what| bar.set_message(what.to_owned()),
     };
-    let diagnosis = diagnose_rows(&recording.rows, &recording.defects(), &nominal, &reference, &options);
+    let diagnosis = match nominal.device.is_iras() {
+        true => {
+            let recording = DecodedRecording::read(&arguments.link, arguments.evaluation.base)?;
+            diagnose_rows(&recording.rows, &recording.defects(), &nominal, &reference, &options)
+        }
+        false => {
+            let recording = read_device(&arguments.link, &nominal.device, options.clock_start_ns)?;
+            diagnose_device(recording, &nominal, &reference, &options)
+        }
+    };
     bar.finish_and_clear();
     let diagnosis = diagnosis.map_err(|error| CommandError::input(format!("{}: {error}", arguments.link.join(" "))))?;
     // The result is printed and each file is written also if another of these steps fails.
@@ -153,6 +165,7 @@ fn updated_configuration(
     diagnosis: &Diagnosis,
     link: &[String],
 ) -> Result<String, CommandError> {
+    let device = &settings.read_of_any()?.device;
     let assignments = |entry: &DiagnosedEffect| entry.assignments(&diagnosis.configuration);
     // The found values may exceed the limits of the model.
     let refused = |error| CommandError::failed(format!("{file}: not written: with the found effects, {error}"));
@@ -169,7 +182,7 @@ fn updated_configuration(
     };
     let comments: Vec<_> = diagnosis.entries.iter().flat_map(commented).collect();
     let text = Configuration::commented(&text, &comments);
-    Configuration::parse_for(Some(&Device::iras()), &name, &text, &[]).map_err(refused)?;
+    Configuration::parse_for(Some(device), &name, &text, &[]).map_err(refused)?;
     Ok(text)
 }
 

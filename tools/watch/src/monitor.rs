@@ -160,7 +160,7 @@ impl Monitor {
             BreakKind::Gap(_) => "lost-samples",
             BreakKind::Jump | BreakKind::TimeJump => "jump",
             BreakKind::Reset => "restart",
-            BreakKind::Invalid => "invalid-count",
+            BreakKind::Invalid | BreakKind::Outlier | BreakKind::Constant => "invalid-count",
             BreakKind::Saturated => "saturated-count",
             BreakKind::SelfTest => "self-test",
         };

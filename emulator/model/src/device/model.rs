@@ -59,11 +59,19 @@ impl Device {
     }
 
     /// Angle of an output over the nominal interval in the unit of its field, arcsec.
-    pub(super) fn arcsec_per_unit(&self, value: &ValueSpec) -> f64 {
+    pub fn arcsec_per_unit(&self, value: &ValueSpec) -> f64 {
         match self.output {
             Output::Increment => value.factor,
             Output::Rate => value.factor * self.interval_s,
         }
+    }
+
+    /// The unit with another interval of samples, of which one count is an arcsec: for a model of angles between nodes.
+    #[must_use]
+    pub fn at_nodes(&self, interval_s: f64) -> Device {
+        let mut device = Device { interval_s, output: Output::Increment, ..self.clone() };
+        device.heads.iter_mut().for_each(|head| head.count_arcsec = 1.0);
+        device
     }
 
     /// The gyros.

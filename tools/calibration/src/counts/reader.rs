@@ -136,6 +136,40 @@ impl NodeReader {
         self.counts.breaks.push(Discontinuity { from, to: self.node, gyros, kind });
     }
 
+    /// All gyros of the unit.
+    pub fn gyros(&self) -> Gyros {
+        self.counts.gyros
+    }
+
+    /// Adds a break.
+    pub fn add(&mut self, found: Discontinuity) {
+        self.counts.breaks.push(found);
+    }
+
+    /// Keeps every second node, the last of an even number.
+    pub fn halve(&mut self) {
+        let counts = &mut self.counts;
+        let series = counts.accumulated.iter_mut().chain([&mut counts.electronics_c, &mut counts.sensor_c]);
+        series.for_each(|series| *series = series.iter().copied().step_by(2).collect());
+        counts.node_s.truncate(self.node / 2 + 1);
+        self.node /= 2;
+        self.times.retain(|time| time.0 % 2 == 0);
+        self.times.iter_mut().for_each(|time| time.0 /= 2);
+        counts.breaks.iter_mut().for_each(|found| (found.from, found.to) = (found.from / 2, found.to.div_ceil(2)));
+        counts.breaks.dedup();
+    }
+
+    /// The counts with this interval of the nodes; without receive times they start at `start_ns`.
+    pub fn finish_at(mut self, interval_s: f64, start_ns: i64) -> Option<AccumulatedCounts> {
+        self.counts.interval_s = interval_s;
+        if self.times.len() < 2 {
+            // Nodes at their nominal times, by the unit's clock.
+            let end_ns = |node: usize| (node as f64 * interval_s * 1e9).round() as i64;
+            self.times = (1..=self.node).map(|node| (node, end_ns(node), false)).collect();
+        }
+        self.finish(start_ns)
+    }
+
     /// As [`CountsReader::finish`].
     pub fn finish(mut self, clock_start_ns: i64) -> Option<AccumulatedCounts> {
         let first = *self.times.first()?;

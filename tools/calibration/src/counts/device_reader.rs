@@ -1,0 +1,305 @@
+//! Reads [`AccumulatedCounts`] of a described unit, in arcsec, from the rows of its decoder.
+//!
+//! A unit of many samples per second has nodes at every few samples, so that a recording has as many nodes as one of the default unit.
+//! The rows of a table keep their own lengths: the angle between their ends is interpolated at the nodes.
+
+use geu_model::device::{Device, Output};
+use geu_protocol::Gyros;
+use geu_protocol::continuity::MAX_MISSING;
+use geu_protocol::layout::Quantity;
+use geu_recording::{Defect, DeviceSample, Sink};
+
+use super::reader::NodeReader;
+use super::{AccumulatedCounts, BreakKind, Discontinuity};
+
+/// Number of nodes from which two become one, and the longest interval of nodes that may result, s: that of the default unit, and a little.
+const MAX_NODES: usize = 1 << 14;
+const MAX_INTERVAL_S: f64 = 0.6;
+/// Samples of one value from which a run of them is kept, and the number of runs kept.
+const CONSTANT_SAMPLES: u64 = 5;
+const MAX_RUNS: usize = 10_000;
+/// A sample farther from its neighbours, in mean departures, is an outlier; and the samples from which the mean is known.
+const OUTLIER: f64 = 25.0;
+const SETTLED: u64 = 100;
+/// Distance of rows, in nominal intervals, from which samples are missing between them.
+const APART: f64 = 0.5;
+/// Temperature of a unit that sends none, °C.
+const UNKNOWN_C: f64 = 20.0;
+
+/// Samples of one gyro with exactly one value.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ConstantRun {
+    pub gyro: usize,
+    /// The nodes that contain it.
+    pub from: usize,
+    pub to: usize,
+    pub samples: u64,
+}
+
+/// What a described unit recorded.
+#[derive(Debug, Clone)]
+pub struct DeviceRecording {
+    /// Angles, arcsec.
+    pub counts: AccumulatedCounts,
+    /// Samples of a node.
+    pub samples_per_node: usize,
+    pub constant: Vec<ConstantRun>,
+    /// Outliers that are left out, for each gyro.
+    pub outliers: Vec<u64>,
+    pub samples: u64,
+    pub missing: u64,
+    pub defects: u64,
+}
+
+/// The last samples of one gyro.
+#[derive(Debug, Clone, Default)]
+struct Recent {
+    /// The sample before and the one before that.
+    values: [f64; 2],
+    /// Mean departure of a sample from its neighbours, and the number of samples.
+    departure: f64,
+    count: u64,
+    /// Node at the start of a run of one value, and its samples.
+    run: (usize, u64),
+}
+
+/// Accumulates the samples of a described unit.
+#[derive(Debug)]
+pub struct DeviceCountsReader {
+    /// Slot of each head's output, and its angle over the nominal interval, arcsec per unit.
+    heads: Vec<(usize, f64)>,
+    /// Slots that state the validity of a head: slot, head, the value that excludes it, and the reason.
+    flags: Vec<(usize, usize, f64, BreakKind)>,
+    /// Largest angle of a sample, arcsec.
+    largest_arcsec: f64,
+    /// Slots of the temperatures of the electronics, of a sensor and of the heads.
+    celsius: [Vec<usize>; 3],
+    is_rate: bool,
+    is_table: bool,
+    interval_s: f64,
+    nodes: NodeReader,
+    per_node: usize,
+    /// Angle since the last node, arcsec.
+    since: Vec<f64>,
+    /// Start of the first sample interval, ns, and number of the first sample.
+    first: Option<(Option<i64>, u64)>,
+    /// End of the last sample, in nominal samples since that start.
+    end: f64,
+    group: String,
+    /// Reasons of breaks in the node to come, with the node before them.
+    pending: Vec<(usize, Gyros, BreakKind)>,
+    recent: Vec<Recent>,
+    recording: Extras,
+}
+
+/// What is found in the samples beside their sum.
+#[derive(Debug, Default)]
+struct Extras {
+    constant: Vec<ConstantRun>,
+    outliers: Vec<u64>,
+    samples: u64,
+    missing: u64,
+    defects: u64,
+}
+
+impl DeviceCountsReader {
+    pub fn new(device: &Device) -> DeviceCountsReader {
+        let slots = |wanted: &dyn Fn(&Quantity) -> bool| {
+            let all = device.values().iter().enumerate();
+            all.filter(|(_, value)| wanted(&value.quantity)).map(|(slot, _)| slot).collect::<Vec<_>>()
+        };
+        let head = |head: usize| {
+            let slot = slots(&|quantity| *quantity == Quantity::Output(head))[0];
+            (slot, device.arcsec_per_unit(&device.values()[slot]))
+        };
+        let flag = |(slot, value): (usize, &geu_protocol::layout::ValueSpec)| match value.quantity {
+            Quantity::Valid(head) => Some((slot, head, 0.0, BreakKind::Invalid)),
+            Quantity::Saturated(head) => Some((slot, head, 1.0, BreakKind::Saturated)),
+            _ => None,
+        };
+        let gyros = device.all_gyros();
+        let mut counts = AccumulatedCounts::of_unit(gyros, device.interval_s, 0);
+        for (rounded_to, head) in counts.rounded_to.iter_mut().zip(&device.heads) {
+            let is_rounded = head.is_rounded && device.output == Output::Increment;
+            *rounded_to = if is_rounded { head.count_arcsec } else { 0.0 };
+        }
+        DeviceCountsReader {
+            heads: (0..gyros.heads()).map(head).collect(),
+            flags: device.values().iter().enumerate().filter_map(flag).collect(),
+            largest_arcsec: device.range_arcsec_s * device.interval_s * (1.0 - 1e-6),
+            celsius: [
+                slots(&|quantity| *quantity == Quantity::Electronics),
+                slots(&|quantity| *quantity == Quantity::Sensor),
+                slots(&|quantity| matches!(quantity, Quantity::Temperature(_))),
+            ],
+            is_rate: device.output == Output::Rate,
+            is_table: device.table.is_some() && device.serial.is_none() && device.can.is_none(),
+            interval_s: device.interval_s,
+            nodes: NodeReader::new(counts),
+            per_node: 1,
+            since: vec![0.0; gyros.heads()],
+            first: None,
+            end: 0.0,
+            group: String::new(),
+            pending: Vec::new(),
+            recent: vec![Recent::default(); gyros.heads()],
+            recording: Extras { outliers: vec![0; gyros.heads()], ..Extras::default() },
+        }
+    }
+
+    /// Start and end of a row, in nominal samples since the start of the first; `None` for a repeated row.
+    fn place(&mut self, row: &DeviceSample) -> Option<(f64, f64)> {
+        let interval_ns = self.interval_s * 1e9;
+        let end_ns = row.time.map(|time| time.t_ns);
+        let row_start_ns = row.start.map(|time| time.t_ns).or(end_ns.map(|end_ns| end_ns - interval_ns as i64));
+        let (start_ns, number) = *self.first.get_or_insert((row_start_ns, row.number));
+        let (from, to) = match (self.is_table, start_ns, end_ns, row_start_ns) {
+            (true, Some(start_ns), Some(end_ns), Some(row_start_ns)) => {
+                let [from, to] = [row_start_ns, end_ns].map(|t_ns| (t_ns - start_ns) as f64 / interval_ns);
+                let is_beside = row.start.is_none() && from - self.end < APART;
+                (if is_beside { self.end } else { from.max(self.end) }, to)
+            }
+            _ => {
+                let from = row.number.saturating_sub(number) as f64;
+                (from, from + 1.0)
+            }
+        };
+        (to > self.end).then_some((from, to))
+    }
+
+    /// Notes what excludes gyros of the node to come.
+    fn exclude(&mut self, gyros: Gyros, kind: BreakKind) {
+        if !gyros.is_empty() && !self.pending.iter().any(|own| (own.1, own.2) == (gyros, kind)) {
+            self.pending.push((self.nodes.node, gyros, kind));
+        }
+    }
+
+    /// Moves on to an end, in samples, by an angle that grows evenly.
+    fn advance(&mut self, from: f64, to: f64, arcsec: &[f64], row: &DeviceSample) {
+        let mut at = from;
+        loop {
+            let next = ((self.nodes.node + 1) * self.per_node) as f64;
+            let share = (next.min(to) - at).max(0.0) / (to - from);
+            self.since.iter_mut().zip(arcsec).for_each(|(since, arcsec)| *since += share * arcsec);
+            at = at.max(next.min(to));
+            if next > to + 1e-6 {
+                break;
+            }
+            self.push_node(row, (next - to).abs() < 1e-6);
+        }
+        self.end = to;
+    }
+
+    fn push_node(&mut self, row: &DeviceSample, is_end: bool) {
+        let mean = |slots: &[usize]| {
+            let known: Vec<f64> = slots.iter().map(|&slot| row.values[slot]).filter(|value| !value.is_nan()).collect();
+            (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
+        };
+        let [electronics, sensor, heads] = self.celsius.each_ref().map(|slots| mean(slots));
+        let electronics_c = electronics.or(sensor).or(heads).unwrap_or(UNKNOWN_C);
+        let time = row.time.filter(|_| is_end && !self.is_table).map(|time| (time.t_ns, true));
+        self.nodes.push(1, None, &self.since, electronics_c, electronics.and(sensor), time);
+        self.since.fill(0.0);
+        for (from, gyros, kind) in std::mem::take(&mut self.pending) {
+            self.nodes.note(from, gyros, kind);
+        }
+        let is_even = self.nodes.node % 2 == 0;
+        if self.nodes.node >= MAX_NODES && is_even && 2.0 * self.per_node as f64 * self.interval_s <= MAX_INTERVAL_S {
+            self.per_node *= 2;
+            self.nodes.halve();
+            self.recording.constant.iter_mut().for_each(|run| (run.from, run.to) = (run.from / 2, run.to.div_ceil(2)));
+            self.recent.iter_mut().for_each(|recent| recent.run.0 /= 2);
+        }
+    }
+
+    /// Finds outliers and runs of one value in the samples of a gyro.
+    fn look(&mut self, gyro: usize, arcsec: f64) {
+        let (node, recent) = (self.nodes.node, &mut self.recent[gyro]);
+        let [last, before] = recent.values;
+        recent.values = [arcsec, last];
+        if recent.count > 0 && arcsec == last {
+            recent.run.1 += 1;
+        } else {
+            let run = ConstantRun { gyro, from: recent.run.0, to: node + 1, samples: recent.run.1 };
+            if run.samples >= CONSTANT_SAMPLES && self.recording.constant.len() < MAX_RUNS {
+                self.recording.constant.push(run);
+            }
+            recent.run = (node, 1);
+        }
+        recent.count += 1;
+        let off = (last - 0.5 * (arcsec + before)).abs();
+        let is_outlier = recent.count > SETTLED
+            && off > OUTLIER * recent.departure
+            && (arcsec - before).abs() < 0.2 * off
+            && recent.departure > 0.0;
+        recent.departure += 0.01 * (off.min(3.0 * recent.departure.max(1e-3)) - recent.departure);
+        if is_outlier {
+            self.recording.outliers[gyro] += 1;
+            let from = node.saturating_sub(1);
+            let gyros = self.nodes.gyros().only(gyro);
+            self.nodes.add(Discontinuity { from, to: node + 1, gyros, kind: BreakKind::Outlier });
+            self.exclude(gyros, BreakKind::Outlier);
+        }
+    }
+
+    /// The recording; `None` without a sample. `clock_start_ns` is the start of a recording without receive times.
+    pub fn finish(mut self, clock_start_ns: i64) -> Option<DeviceRecording> {
+        let (start_ns, _) = self.first?;
+        for gyro in 0..self.heads.len() {
+            self.look(gyro, f64::NAN);
+        }
+        let interval_s = self.interval_s * self.per_node as f64;
+        let start_ns = if self.is_table { start_ns? } else { clock_start_ns };
+        let counts = self.nodes.finish_at(interval_s, start_ns)?;
+        let Extras { constant, outliers, samples, missing, defects } = self.recording;
+        let nodes = counts.node_s.len() - 1;
+        let constant = constant.into_iter().map(|run| ConstantRun { to: run.to.min(nodes), ..run }).collect();
+        Some(DeviceRecording { counts, samples_per_node: self.per_node, constant, outliers, samples, missing, defects })
+    }
+}
+
+impl Sink<DeviceSample> for DeviceCountsReader {
+    fn row(&mut self, row: &DeviceSample) {
+        if self.first.is_some() && row.group != self.group {
+            // A trial has times of its own; one recording is one trial.
+            return;
+        }
+        row.group.clone_into(&mut self.group);
+        let Some((from, to)) = self.place(row) else { return };
+        let all = self.nodes.gyros();
+        let missing = from - self.end;
+        if missing > APART {
+            let missing = missing.round() as u64;
+            self.recording.missing += missing;
+            self.exclude(all, BreakKind::Gap(missing));
+            match missing <= MAX_MISSING {
+                true => self.advance(self.end, from, &vec![0.0; self.heads.len()], row),
+                false => return,
+            }
+            self.exclude(all, BreakKind::Gap(missing));
+        }
+        self.recording.samples += 1;
+        let length = if self.is_rate && self.is_table { to - from } else { 1.0 };
+        let mut arcsec: Vec<f64> = self.heads.iter().map(|&(slot, arcsec)| row.values[slot] * arcsec).collect();
+        let flagged = |kind: BreakKind| {
+            let own = self.flags.iter().filter(|own| own.3 == kind && row.values[own.0] == own.2);
+            own.fold(all.with_mask(0), |gyros, own| gyros.and(all.only(own.1)))
+        };
+        let invalid = flagged(BreakKind::Invalid).and(all.filter(|gyro| arcsec[gyro].is_nan()));
+        let saturated = flagged(BreakKind::Saturated).and(all.filter(|gyro| arcsec[gyro].abs() >= self.largest_arcsec));
+        for gyro in 0..arcsec.len() {
+            match arcsec[gyro].is_nan() {
+                true => arcsec[gyro] = 0.0,
+                false => self.look(gyro, arcsec[gyro]),
+            }
+            arcsec[gyro] *= length;
+        }
+        self.exclude(invalid, BreakKind::Invalid);
+        self.exclude(saturated, BreakKind::Saturated);
+        self.advance(from, to, &arcsec, row);
+    }
+
+    fn defect(&mut self, _defect: &Defect) {
+        self.recording.defects += 1;
+    }
+}

@@ -1,0 +1,325 @@
+//! Exact checks of the heads of a described unit against the reference: exchanged and inverted heads, units, constant and clipped output.
+//!
+//! A head's angle is compared with the turn of the reference about each head's nominal axis over windows of ten nodes. What is certain is
+//! corrected: exchanged heads, signs and factors of units; constant and clipped output is left out.
+
+use geu_calibration::counts::{AccumulatedCounts, BreakKind, ConstantRun, DeviceRecording, Discontinuity};
+use geu_calibration::transfer::sensing_matrix;
+use geu_hypothesis::Hypothesis;
+use geu_hypothesis::amplitude::{AmplitudeRef, STEP};
+use geu_model::Configuration;
+use geu_model::fault::ParameterRef;
+use geu_protocol::{Gyro, Gyros};
+use geu_recording::ReferenceAttitude;
+use nalgebra::{MatrixXx3, Vector3};
+
+use crate::correlation::known_factor;
+use crate::{Finding, WiringFault, median};
+
+/// Nodes of a window, and the minimum number of windows.
+const WINDOW: usize = 10;
+const MIN_WINDOWS: usize = 16;
+/// Share of a head's variance that another head's axis must explain, and more than its own axis by that.
+const EXPLAINED: f64 = 0.7;
+const BETTER: f64 = 0.3;
+/// Share of its variance below which a head does not follow the motion: a correlation of a half.
+const FOLLOWS: f64 = 0.25;
+/// Error of a factor from which a unit is wrong: scale factors are off by less.
+const FACTOR_ERROR: f64 = 0.25;
+/// Samples of a run of one value, and the turn meanwhile that the output does not show, in counts and as a share of the range of angles.
+const STUCK_SAMPLES: u64 = 20;
+const UNSEEN: f64 = 1e-3;
+/// Share of a recording with constant output from which its head is named.
+const NAMED_SHARE: f64 = 0.02;
+
+/// The checked recording.
+pub struct HeadCheck {
+    pub counts: AccumulatedCounts,
+    pub faults: Vec<WiringFault>,
+    pub findings: Vec<Finding>,
+}
+
+/// Checks the recording of a described unit. Rows without receive times begin with the reference.
+pub fn check_heads(
+    recording: DeviceRecording,
+    configuration: &Configuration,
+    reference: &ReferenceAttitude,
+) -> HeadCheck {
+    let matrix = sensing_matrix(configuration);
+    let mut findings = samples(&recording);
+    let DeviceRecording { mut counts, constant, .. } = recording;
+    let turned = turns(&counts, reference);
+    let mut faults = constant_output(&mut counts, &constant, &turned, &matrix, &mut findings);
+    let heads = counts.gyros.heads();
+    let found: Vec<Option<Follows>> =
+        (0..heads).map(|head| Follows::find(head, &counts, &turned, &matrix, configuration)).collect();
+    let by_own: Vec<Follows> = (0..heads).map(|head| found[head].unwrap_or(Follows::nominal(head))).collect();
+    for (head, own) in by_own.iter().enumerate().filter(|(head, _)| found[*head].is_some()) {
+        let gyro = configuration.device.heads[head].gyro;
+        if own.explained < FOLLOWS {
+            let correlation = own.explained.sqrt();
+            let text = format!("the output does not follow the motion: their correlation is {correlation:.2}");
+            findings.push(Finding { kind: "not-following".to_owned(), place: gyro.name().to_owned(), text });
+            let (from, to, gyros) = (0, counts.len(), counts.gyros.only(head));
+            counts.breaks.push(Discontinuity { from, to, gyros, kind: BreakKind::Invalid });
+        } else if let Some(factor) = own.wrong_unit() {
+            let likely = known_factor(factor).map_or(String::new(), |(_, name)| format!(", as by {name}"));
+            let text =
+                format!("the output is {factor:.6} times what the motion predicts{likely}: it is divided by that");
+            findings.push(Finding { kind: "unit-factor".to_owned(), place: gyro.name().to_owned(), text });
+            let exact = known_factor(factor).map_or(factor, |(exact, _)| exact);
+            counts.accumulated[head].iter_mut().for_each(|angle| *angle /= exact);
+        }
+    }
+    faults.extend(exchange(&mut counts, &by_own, configuration, &mut findings));
+    HeadCheck { counts, faults, findings }
+}
+
+/// Findings of the samples alone.
+fn samples(recording: &DeviceRecording) -> Vec<Finding> {
+    let DeviceRecording { counts, samples, missing, defects, outliers, .. } = recording;
+    let whole = |kind: &str, text: String| Finding { kind: kind.to_owned(), place: "the recording".to_owned(), text };
+    let share = 100.0 * *missing as f64 / (samples + missing).max(1) as f64;
+    let missing = (*missing > 0)
+        .then(|| whole("samples-lost", format!("{missing} samples are missing, {share:.2} % of all: left out")));
+    let defects = (*defects > 0).then(|| whole("defects", format!("{defects} in the input; `geu decode` lists them")));
+    let outlier = |gyro: Gyro| {
+        let count = outliers[gyro.index()];
+        let text = format!("{count} samples are far from their neighbours: left out");
+        (count > 0).then(|| Finding { kind: "outliers".to_owned(), place: gyro.name().to_owned(), text })
+    };
+    missing.into_iter().chain(defects).chain(counts.gyros.gyros().filter_map(outlier)).collect()
+}
+
+/// Turn of the reference up to each node, where it covers it.
+fn turns(counts: &AccumulatedCounts, reference: &ReferenceAttitude) -> Vec<Option<Vector3<f64>>> {
+    let (offset_s, mut near) = (counts.offset_s(reference), 0);
+    let gaps_s = reference.truth.gaps_s();
+    let mut at = |node_s: &f64| {
+        let t_s = node_s + offset_s;
+        let is_covered =
+            (0.0..=reference.truth.end_s()).contains(&t_s) && !gaps_s.iter().any(|gap| (gap[0]..gap[1]).contains(&t_s));
+        let (angle, _) = reference.truth.at(t_s, &mut near);
+        is_covered.then_some(angle.into())
+    };
+    counts.node_s.iter().map(&mut at).collect()
+}
+
+/// Leaves out constant output while the unit turns; returns the heads that stand out by it.
+fn constant_output(
+    counts: &mut AccumulatedCounts,
+    constant: &[ConstantRun],
+    turned: &[Option<Vector3<f64>>],
+    matrix: &MatrixXx3<f64>,
+    findings: &mut Vec<Finding>,
+) -> Vec<WiringFault> {
+    let mut faults = Vec::new();
+    for gyro in counts.gyros.gyros() {
+        let (head, axis) = (gyro.index(), matrix.row(gyro.index()).transpose());
+        let angle = |node: usize| turned[node].map(|turned| axis.dot(&turned));
+        let known: Vec<f64> = (0..turned.len()).filter_map(angle).collect();
+        let range = known.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+            - known.iter().copied().fold(f64::INFINITY, f64::min);
+        let limit = UNSEEN * range.max(0.0) + 20.0 * counts.rounded_to[head];
+        // Largest difference of the turn and of the output within a run, and that of the turn less that of the output.
+        let unseen = |from: usize, to: usize| {
+            let off = (from..=to).filter_map(|node| Some(angle(node)? - counts.accumulated[head][node]));
+            let (low, high) =
+                off.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), own| (low.min(own), high.max(own)));
+            high - low
+        };
+        let runs: Vec<_> = constant.iter().filter(|run| run.gyro == head && unseen(run.from, run.to) > limit).collect();
+        let (stuck, clipped): (Vec<_>, Vec<_>) = runs.into_iter().partition(|run| run.samples >= STUCK_SAMPLES);
+        for (all, kind, what) in [
+            (&stuck, BreakKind::Constant, "the output does not change while the unit turns: left out"),
+            (&clipped, BreakKind::Saturated, "the output stays at one value while the unit turns faster: left out"),
+        ] {
+            let nodes: usize = all.iter().map(|run: &&ConstantRun| run.to - run.from).sum();
+            let share = nodes as f64 / counts.len().max(1) as f64;
+            if all.is_empty() || kind == BreakKind::Saturated && all.len() < 3 {
+                continue;
+            }
+            let gyros = counts.gyros.only(head);
+            counts.breaks.extend(all.iter().map(|run| Discontinuity { from: run.from, to: run.to, gyros, kind }));
+            let [from_s, to_s] = [all[0].from, all[all.len() - 1].to].map(|node| counts.node_s[node]);
+            let name = if kind == BreakKind::Constant { "stuck-output" } else { "clipped" };
+            let text = format!("{what}; {} times, {:.1} % of the time", all.len(), 100.0 * share);
+            let place = format!("{}, {from_s:.1}\u{2013}{to_s:.1} s", gyro.name());
+            findings.push(Finding { kind: name.to_owned(), place, text });
+            if kind == BreakKind::Constant && share > NAMED_SHARE {
+                let onset_s = (all[0].from > 1).then_some(from_s);
+                let samples = all.iter().map(|run| run.samples as usize).sum();
+                let end_s = (all[all.len() - 1].to < counts.len()).then_some(to_s);
+                faults.push(fault("stuck-output.on", gyro, 1.0, counts.gyros, onset_s, end_s, samples));
+            }
+        }
+    }
+    counts.breaks.sort_by_key(|found| found.from);
+    faults
+}
+
+/// A wiring fault that the comparison with the reference shows.
+fn fault(
+    number: &str,
+    gyro: Gyro,
+    value: f64,
+    unit: Gyros,
+    onset_s: Option<f64>,
+    end_s: Option<f64>,
+    samples: usize,
+) -> WiringFault {
+    let target = ParameterRef::from_name(number).expect("a number of the wiring effects");
+    let amplitude = AmplitudeRef::new(target, onset_s.map(|_| STEP));
+    let hypothesis = Hypothesis {
+        course_shapes: onset_s.into_iter().collect(),
+        ..Hypothesis::constant(amplitude, value, unit.only(gyro.index()))
+    };
+    WiringFault {
+        hypothesis,
+        gyros: vec![gyro],
+        onset_s,
+        onset_between_s: [onset_s.unwrap_or(0.0); 2],
+        end_s,
+        samples,
+        without_rms_counts: 0.0,
+        with_rms_counts: 0.0,
+    }
+}
+
+/// The axis that a head follows.
+#[derive(Debug, Clone, Copy)]
+struct Follows {
+    /// The head with this nominal axis.
+    axis: usize,
+    /// Output per turn about it.
+    factor: f64,
+    /// Share of the variance that it explains.
+    explained: f64,
+}
+
+impl Follows {
+    fn nominal(head: usize) -> Follows {
+        Follows { axis: head, factor: 1.0, explained: 1.0 }
+    }
+
+    /// The axis that explains the output of a head best; its own unless another is better by far. `None` if the recording does not show it.
+    fn find(
+        head: usize,
+        counts: &AccumulatedCounts,
+        turned: &[Option<Vector3<f64>>],
+        matrix: &MatrixXx3<f64>,
+        configuration: &Configuration,
+    ) -> Option<Follows> {
+        let breaks: Vec<(usize, usize)> =
+            counts.breaks.iter().filter(|found| found.gyros[head]).map(|found| (found.from, found.to)).collect();
+        let is_broken = |from: usize, to: usize| {
+            let first = breaks.partition_point(|own| own.0 < from.saturating_sub(4096));
+            breaks[first..].iter().take_while(|own| own.0 < to).any(|own| own.1 > from)
+        };
+        let scale_factor = configuration.gyros[head].calibration.scale_factor;
+        let mut windows: Vec<(f64, Vector3<f64>)> = Vec::new();
+        for from in (0..turned.len().saturating_sub(WINDOW)).step_by(WINDOW) {
+            let to = from + WINDOW;
+            let (Some(before), Some(after)) = (turned[from], turned[to]) else { continue };
+            if !is_broken(from, to) {
+                let measured = counts.accumulated[head][to] - counts.accumulated[head][from];
+                windows.push((measured * scale_factor, after - before));
+            }
+        }
+        if windows.len() < MIN_WINDOWS {
+            return None;
+        }
+        let count = windows.len() as f64;
+        let mean =
+            windows.iter().fold((0.0, Vector3::zeros()), |sum, own| (sum.0 + own.0 / count, sum.1 + own.1 / count));
+        let about = |axis: usize| {
+            let axis = matrix.row(axis).transpose();
+            let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+            for (measured, turn) in &windows {
+                let (x, y) = (axis.dot(&(turn - mean.1)), measured - mean.0);
+                (xx, xy, yy) = (xx + x * x, xy + x * y, yy + y * y);
+            }
+            let explained = if xx > 0.0 && yy > 0.0 { xy * xy / (xx * yy) } else { 0.0 };
+            (xx / count, Follows { axis: 0, factor: xy / xx, explained })
+        };
+        let all: Vec<(f64, Follows)> = (0..matrix.nrows())
+            .map(|axis| {
+                let (variance, own) = about(axis);
+                (variance, Follows { axis, ..own })
+            })
+            .collect();
+        // A motion that none of the axes shows, or that the noise of the reference is, shows nothing.
+        let noise = {
+            let mut steps: Vec<f64> =
+                windows.windows(3).map(|own| (own[0].1 - 2.0 * own[1].1 + own[2].1).norm()).collect();
+            median(&mut steps).powi(2) / 6.0
+        };
+        let largest = all.iter().map(|own| own.0).fold(0.0, f64::max);
+        if all[head].0 <= noise.max(1e-3 * largest) && largest > 0.0 && all[head].1.explained < FOLLOWS {
+            let other = all.iter().map(|own| own.1).max_by(|one, other| one.explained.total_cmp(&other.explained))?;
+            return (other.explained > EXPLAINED && other.axis != head).then_some(other);
+        }
+        let own = all[head].1;
+        let best = all.iter().map(|own| own.1).max_by(|one, other| one.explained.total_cmp(&other.explained))?;
+        let is_other = best.explained > EXPLAINED && best.explained > own.explained + BETTER;
+        Some(if is_other { best } else { own })
+    }
+
+    /// The factor of a wrong unit, if the output follows the motion by another one than scale factors have.
+    fn wrong_unit(&self) -> Option<f64> {
+        let factor = self.factor.abs();
+        let is_wrong = (factor - 1.0).abs() > FACTOR_ERROR || factor < 1.0 / (1.0 + FACTOR_ERROR);
+        (is_wrong && self.explained > EXPLAINED).then_some(factor)
+    }
+}
+
+/// Puts exchanged heads in their places and inverts signs.
+fn exchange(
+    counts: &mut AccumulatedCounts,
+    follows: &[Follows],
+    configuration: &Configuration,
+    findings: &mut Vec<Finding>,
+) -> Vec<WiringFault> {
+    let heads = follows.len();
+    let gyro = |head: usize| configuration.device.heads[head].gyro;
+    let mut axes: Vec<usize> = follows.iter().map(|own| own.axis).collect();
+    let mut sorted = axes.clone();
+    sorted.sort_unstable();
+    if sorted != (0..heads).collect::<Vec<_>>() {
+        for (head, own) in follows.iter().enumerate().filter(|(head, own)| own.axis != *head) {
+            let text = format!("the output follows the axis of {}, as another head does", gyro(own.axis).name());
+            findings.push(Finding { kind: "axis".to_owned(), place: gyro(head).name().to_owned(), text });
+        }
+        axes = (0..heads).collect();
+    }
+    let mut faults = Vec::new();
+    for head in 0..heads {
+        if follows[head].factor < 0.0 && follows[head].explained > EXPLAINED {
+            counts.accumulated[head].iter_mut().for_each(|angle| *angle = -*angle);
+            let place = if axes[head] == follows[head].axis { axes[head] } else { head };
+            faults.push(fault("sign-inversion.on", gyro(place), 1.0, counts.gyros, None, None, counts.len()));
+        }
+    }
+    while let Some(head) = (0..heads).find(|&head| axes[head] != head) {
+        let other = axes[head];
+        counts.accumulated.swap(head, other);
+        counts.rounded_to.swap(head, other);
+        for found in &mut counts.breaks {
+            let both = [found.gyros[other], found.gyros[head]];
+            found.gyros = found.gyros.unit().filter(|gyro| match gyro {
+                gyro if gyro == head => both[0],
+                gyro if gyro == other => both[1],
+                gyro => found.gyros[gyro],
+            });
+        }
+        axes.swap(head, other);
+        let swap = fault("axis-swap.with", gyro(head), other as f64 + 1.0, counts.gyros, None, None, counts.len());
+        faults.push(WiringFault { gyros: vec![gyro(head), gyro(other)], ..swap });
+    }
+    for found in &faults {
+        let names: Vec<&str> = found.gyros.iter().map(|gyro| gyro.name()).collect();
+        let text = "the output follows the motion with it, over the whole recording: corrected".to_owned();
+        findings.push(Finding { kind: found.code(), place: names.join(", "), text });
+    }
+    faults
+}
