@@ -15,7 +15,7 @@ use crate::measured::{
     MeasuredData, MeasuredError, ModelRun, ReferenceSigma, Series, Shifts, SmoothedReference, TIMING,
 };
 use crate::model_selection::SelectedModel;
-use crate::model_state::ModelState;
+use crate::model_state::{LAG_S, ModelState};
 use crate::motion_segments;
 use crate::noise;
 use crate::null_distribution::{kurtosis_limits, largest_growth};
@@ -24,7 +24,8 @@ use crate::report::admission::{self, Refused, SquaredGap, refuse};
 use crate::residual_map::residual_maps;
 use crate::residual_stats::{self, residual, windowed};
 use crate::shares::Shares;
-use crate::solution::{DiagnosisOptions, Solution};
+use crate::significance::THREE_SIGMAS;
+use crate::solution::{self, DiagnosisOptions, Solution};
 use crate::unexplained::unexplained;
 use crate::whiteness::{kurtosis, moment, whiteness_statistic};
 use geu_checks::{Finding, WiringFault, check, check_heads};
@@ -73,8 +74,15 @@ pub fn diagnose_device(
     let nominal = Configuration { device, ..nominal.clone() };
     let raw = recording.counts.clone();
     let checked = check_heads(recording, &nominal, reference);
-    let measured = MeasuredData::new(checked.counts, reference, &nominal)?;
-    let raw = if checked.faults.is_empty() { None } else { MeasuredData::new(raw, reference, &nominal).ok() };
+    let unsmoothed = MeasuredData::combined(checked.counts.clone(), reference, 0.0, None)?;
+    let case = DiagnosisCase::new(&unsmoothed, &nominal);
+    let fitted = solution::fitted(&case);
+    // A lag within that of a link changes no attitude.
+    let is_late = fitted.shifts.lag_s.abs() > LAG_S + THREE_SIGMAS * fitted.lag_sigma_s;
+    let lag_s = if is_late { fitted.shifts.lag_s } else { 0.0 };
+    let measured = MeasuredData::combined(checked.counts, reference, lag_s, Some(&fitted.configuration(&nominal)))?;
+    let has_changed = is_late || !checked.faults.is_empty();
+    let raw = if has_changed { MeasuredData::combined(raw, reference, 0.0, None).ok() } else { None };
     Ok(diagnose(&measured, raw, (checked.findings, checked.faults), &nominal, options))
 }
 

@@ -194,7 +194,7 @@ impl Entries<'_> {
     /// A common lag above that of a link, as the effect with its signature. A time offset of the reference has the same one.
     pub fn lag(&self, selected: &mut SelectedModel) -> Option<DiagnosedEffect> {
         let state = &mut selected.state;
-        let (lag_s, sigma) = (state.shifts.lag_s, state.lag_sigma_s);
+        let (lag_s, sigma) = (self.case.measured.lag_s + state.shifts.lag_s, state.lag_sigma_s);
         if lag_s.abs() <= LAG_S + THREE_SIGMAS * sigma {
             state.reset_undetermined_lag();
             return None;
@@ -203,7 +203,7 @@ impl Entries<'_> {
         // A part of it is that of the link.
         let link_s = if self.case.measured.counts.is_received { LINK_LAG_S } else { (0.0, 0.0) };
         let hypothesis = Hypothesis::constant(amplitude, (lag_s - link_s.0) * ratio, self.case.measured.gyros());
-        state.shifts.lag_s = link_s.0;
+        state.shifts.lag_s = link_s.0 - self.case.measured.lag_s;
         state.held.push(FittedHypothesis::fixed(hypothesis.clone()));
         let late = ReportedAlternative {
             code: if lag_s > 0.0 { "reference-early" } else { "reference-late" }.to_owned(),

@@ -111,6 +111,8 @@ pub struct MeasuredData {
     runs: ModelCache,
     /// Receive time of each node minus nominal samples, in units of [`TIMING_UNIT_S`]; NaN without one.
     late: Vec<f64>,
+    /// Lag of the recording that the reference was moved by.
+    pub lag_s: f64,
     /// Time of node 0 since the origin of time courses: 0, or the end of the recording that a planned motion follows.
     pub(crate) start_s: f64,
 }
@@ -121,16 +123,26 @@ impl MeasuredData {
     /// # Errors
     /// [`MeasuredError`], if there is not enough of either.
     pub fn new(
-        mut counts: AccumulatedCounts,
+        counts: AccumulatedCounts,
         reference: &ReferenceAttitude,
         nominal: &Configuration,
+    ) -> Result<MeasuredData, MeasuredError> {
+        MeasuredData::combined(counts, reference, 0.0, Some(nominal))
+    }
+
+    /// Combines counts and their reference, moved by a lag. The gyros of a configuration, if any, smooth a reference that is noisy or slow.
+    pub(crate) fn combined(
+        mut counts: AccumulatedCounts,
+        reference: &ReferenceAttitude,
+        lag_s: f64,
+        believed: Option<&Configuration>,
     ) -> Result<MeasuredData, MeasuredError> {
         if counts.is_empty() {
             return Err(MeasuredError::Empty);
         }
         let readings = [&mut counts.electronics_c, &mut counts.sensor_c].into_iter();
         readings.for_each(|celsius| *celsius = between_readings(celsius));
-        let start_s = (reference.start_ns - counts.start_ns) as f64 * 1e-9;
+        let start_s = (reference.start_ns - counts.start_ns) as f64 * 1e-9 + lag_s;
         let sigma_arcsec = &reference.sigma_arcsec;
         let reference = RecordedAttitude::clone(&reference.truth).starting_at(start_s);
         // Only within the reference, not at its ends, is the interpolating spline accurate.
@@ -177,8 +189,9 @@ impl MeasuredData {
         if good < MIN_BLOCKS {
             return Err(MeasuredError::Broken { good_s: good as f64 * block_s, common_s, min_s });
         }
-        let (reference_sigma, smoothed) =
-            SmoothedReference::new(&counts, &reference, sigma_arcsec, nominal, samples / BLOCK);
+        let (reference_sigma, smoothed) = believed.map_or((None, None), |believed| {
+            SmoothedReference::new(&counts, &reference, sigma_arcsec, believed, samples / BLOCK)
+        });
         if let Some(smoothed) = &smoothed {
             for channel in &mut blocks[..TIMING] {
                 let has_row = channel.iter_mut().zip(&smoothed.departure);
@@ -197,6 +210,7 @@ impl MeasuredData {
             blocks,
             runs: ModelCache::default(),
             late,
+            lag_s,
             start_s: 0.0,
         })
     }

@@ -87,14 +87,8 @@ impl<'a> Solution<'a> {
         let progress = options.progress;
         progress("signatures");
         let mut case = DiagnosisCase::new(measured, nominal);
-        let before = measured.run(nominal, Shifts::default());
-        let noise = noise::configured(nominal, measured, &case.rounding, &measured.residual(&before));
-        let start = case.start(noise);
         // Rounding depends on the rate: that of the fitted scale factors and drifts.
-        let mut fitted = start.clone();
-        case.fit(&mut fitted);
-        fitted.reset_undetermined_lag();
-        let path = case.set_origin(&fitted);
+        let path = case.set_origin(&fitted(&case));
         let noise = noise::configured(nominal, measured, &case.rounding, &measured.residual(&path));
         let start = case.start(noise);
         let correlation = |path: &ModelRun| if has_counts { correlation_with_motion(measured, path) } else { 0.0 };
@@ -170,6 +164,16 @@ impl<'a> Solution<'a> {
         let paths = [&fitted, &self.selected.state].map(|state| self.case.run(state));
         self.case.measured.dequantised(&paths, walks)
     }
+}
+
+/// Calibration parameters and lag fitted without an effect.
+pub fn fitted(case: &DiagnosisCase) -> ModelState {
+    let before = case.measured.run(case.nominal, Shifts::default());
+    let noise = noise::configured(case.nominal, case.measured, &case.rounding, &case.measured.residual(&before));
+    let mut fitted = case.start(noise);
+    case.fit(&mut fitted);
+    fitted.reset_undetermined_lag();
+    fitted
 }
 
 fn is_noise(selected: &SelectedModel, thresholds: &Thresholds) -> bool {

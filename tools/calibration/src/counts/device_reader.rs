@@ -232,7 +232,11 @@ impl DeviceCountsReader {
             && off > OUTLIER * recent.departure
             && (arcsec - before).abs() < 0.2 * off
             && recent.departure > 0.0;
-        recent.departure += 0.01 * (off.min(3.0 * recent.departure.max(1e-3)) - recent.departure);
+        let (limit, share) = match recent.count > SETTLED {
+            true => (3.0 * recent.departure, 0.01),
+            false => (f64::INFINITY, 1.0 / recent.count as f64),
+        };
+        recent.departure += share * (off.min(limit) - recent.departure);
         if is_outlier {
             self.recording.outliers[gyro] += 1;
             let from = node.saturating_sub(1);

@@ -60,6 +60,7 @@ impl MeasuredData {
             blocks: std::array::from_fn(of_channel),
             runs: ModelCache::default(),
             late: vec![0.0; samples + 1],
+            lag_s: self.lag_s,
             start_s: self.start_s + self.duration_s(),
         }
     }

@@ -29,6 +29,8 @@ const MAX_SPACING: f64 = 1.2;
 const EXACT_ARCSEC: f64 = 0.6;
 /// Size of a count from which its rounding is smoothed out of the motion: a smaller one is less than the noise of a gyro within a block.
 const COARSE_ARCSEC: f64 = 0.5;
+/// Distance of rows over which the relative attitude shows its walk.
+const FAR_ROWS: usize = 4;
 /// A row farther from the smoothed difference, in sigmas, is a glitch.
 const GLITCH_SIGMAS: f64 = 8.0;
 /// Minimum eigenvalue of the normal matrix of the gyros in use: 1 with a gyro along each axis, the square of a misalignment without.
@@ -103,9 +105,8 @@ impl SmoothedReference {
         let mut spacings: Vec<f64> = rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
         let spacing_s = median(&mut spacings);
         let has_gaps = !reference.gaps_s().is_empty();
-        // Where the gyros are noisier than the reference may be, their difference does not show its noise.
-        let is_exact =
-            (largest < EXACT_ARCSEC || !is_coarse) && spacing_s <= MAX_SPACING * counts.interval_s && !has_gaps;
+        let is_quiet = if is_coarse { largest < EXACT_ARCSEC } else { !is_white(&rows) };
+        let is_exact = is_quiet && spacing_s <= MAX_SPACING * counts.interval_s && !has_gaps;
         if is_exact || rows.len() <= 2 * REACH_ROWS {
             return (stated, None);
         }
@@ -318,6 +319,21 @@ fn second_difference_sigma(rows: &[Row], axis: usize) -> f64 {
     };
     let mut sizes: Vec<f64> = rows.windows(3).map(difference).collect();
     median(&mut sizes) / MEDIAN_OF_NORMAL / 6f64.sqrt()
+}
+
+/// True if the relative attitude has more white noise than it walks from row to row: the walk is that of the gyros, white noise that of the
+/// reference. Second differences over a distance of n rows have 6 variances of the white noise and 2 n of the walk's growth.
+fn is_white(rows: &[Row]) -> bool {
+    let variance = |distance: usize| {
+        let off = |own: &[Row]| {
+            let [first, middle, last] = [0, distance, 2 * distance].map(|row| own[row].relative_arcsec);
+            (first - 2.0 * middle + last).norm()
+        };
+        median(&mut rows.windows(2 * distance + 1).map(off).collect::<Vec<_>>()).powi(2)
+    };
+    let [near, far] = [variance(1), variance(FAR_ROWS)];
+    let walk = (far - near).max(0.0) / (2.0 * (FAR_ROWS - 1) as f64);
+    (near - 2.0 * walk) / 6.0 > walk
 }
 
 /// Smooths the relative attitude by straight lines through the neighbours of each row; the reach of the lines follows from the noise of a
