@@ -15,6 +15,7 @@ use crate::simulate::{SimulatedRecording, simulate};
 use geu_diagnosis::alternatives::{Alternative, similar_hypotheses};
 use geu_diagnosis::diagnosis_case::DiagnosisCase;
 use geu_diagnosis::fitted_hypothesis::FittedHypothesis;
+use geu_diagnosis::measured::TIMING;
 use geu_diagnosis::measured::{CHANNELS, MeasuredData, MeasuredError, ModelRun, Shifts};
 use geu_diagnosis::noise;
 use geu_diagnosis::normal_equations::{NormalEquations, Nuisance};
@@ -23,7 +24,7 @@ use geu_diagnosis::outcome::{DiagnosedEffect, Diagnosis};
 use geu_diagnosis::rounding::{CLOSED_LOOP, Rounding, correlation_with_motion};
 use geu_diagnosis::signature::Signature;
 use geu_diagnosis::signature_bank::SignatureBank;
-use geu_diagnosis::small_motions::unknown_rate_arcsec_per_s;
+use geu_diagnosis::small_motions::{SMALL_COUNTS, unknown_rate_arcsec_per_s};
 use geu_diagnosis::whitening::NoiseModel;
 use geu_diagnosis::{DiagnosisOptions, diagnose_rows};
 use geu_hypothesis::Hypothesis;
@@ -151,7 +152,10 @@ impl TrialMotion {
             return true;
         }
         let answers_counts = correlation_with_motion(&self.measured, &self.from) > CLOSED_LOOP;
-        self.bank().searches(hypothesis, unknown_rate_arcsec_per_s(&self.measured, &self.nominal, answers_counts))
+        self.bank().searches(
+            hypothesis,
+            unknown_rate_arcsec_per_s(&self.measured, &self.nominal, answers_counts, &[SMALL_COUNTS; TIMING]),
+        )
     }
 
     fn bank(&self) -> &SignatureBank {

@@ -76,12 +76,14 @@ pub fn diagnose_device(
     let checked = check_heads(recording, &nominal, reference);
     let unsmoothed = MeasuredData::combined(checked.counts.clone(), reference, 0.0, None)?;
     let case = DiagnosisCase::new(&unsmoothed, &nominal);
-    let fitted = solution::fitted(&case);
+    let (fitted, clock_ppm) = solution::fitted_with_clock(&case);
     // A lag within that of a link changes no attitude.
     let is_late = fitted.shifts.lag_s.abs() > LAG_S + THREE_SIGMAS * fitted.lag_sigma_s;
     let lag_s = if is_late { fitted.shifts.lag_s } else { 0.0 };
-    let measured = MeasuredData::combined(checked.counts, reference, lag_s, Some(&fitted.configuration(&nominal)))?;
-    let has_changed = is_late || !checked.faults.is_empty();
+    let mut counts = checked.counts;
+    counts.correct_clock(clock_ppm);
+    let measured = MeasuredData::combined(counts, reference, lag_s, Some(&fitted.configuration(&nominal)))?;
+    let has_changed = is_late || clock_ppm != 0.0 || !checked.faults.is_empty();
     let raw = if has_changed { MeasuredData::combined(raw, reference, 0.0, None).ok() } else { None };
     Ok(diagnose(&measured, raw, (checked.findings, checked.faults), &nominal, options))
 }

@@ -126,8 +126,8 @@ pub fn configured(
 
 /// True if the noise of a gyro is that of its configuration; else that of the residual.
 pub fn is_declared(configuration: &Configuration, gyro: usize) -> bool {
-    let effects = &configuration.gyros[gyro].effects.constant;
-    configuration.device.is_iras() || Walk::ALL.iter().any(|walk| walk.growth(effects) > 0.0)
+    let Some(own) = configuration.gyros.get(gyro) else { return true };
+    configuration.device.is_iras() || Walk::ALL.iter().any(|walk| walk.growth(&own.effects.constant) > 0.0)
 }
 
 /// White noise and angle random walk of a residual: the variance of second differences of averages over 1 to 8 blocks, of neighbours,

@@ -4,22 +4,43 @@
 //! reference is taken from the counts. An effect that withholds such a motion explains any noise.
 
 use crate::courses::is_switch;
-use crate::measured::{MeasuredData, ModelRun, TIMING, nodes};
+use crate::measured::{CHANNELS, MeasuredData, ModelRun, TIMING, nodes};
 use crate::signature_bank::{ConstantSignature, SignatureBank};
+use crate::whitening::NoiseModel;
 use geu_hypothesis::Hypothesis;
 use geu_model::Configuration;
+use geu_model::device::Device;
+use geu_protocol::Gyros;
 
 /// Largest turn within a block of a motion that answers the counts: several roundings.
-const SMALL_COUNTS: f64 = 10.0;
+pub const SMALL_COUNTS: f64 = 10.0;
+/// The same for a motion that contains the noise of described gyros or of the reference, in its deviations over a block.
+const SMALL_SIGMAS: f64 = 10.0;
+
+/// Turn of each gyro within a block up to which a motion is small, arcsec.
+pub fn small_arcsec(measured: &MeasuredData, device: &Device, noise: &[NoiseModel; CHANNELS]) -> [f64; TIMING] {
+    let of_gyro = |own: &NoiseModel| match device.is_iras() {
+        true => SMALL_COUNTS,
+        false => SMALL_SIGMAS * (own.white + own.angle_walk.powi(2) * measured.block_s()).sqrt(),
+    };
+    std::array::from_fn(|gyro| of_gyro(&noise[gyro]))
+}
 
 impl SignatureBank {
     /// The signatures of effects that withhold small motions, and of formulas of them, without those along a path.
     #[must_use]
-    pub fn without_small_motions(mut self, path: &ModelRun) -> SignatureBank {
+    pub fn without_small_motions(
+        mut self,
+        measured: &MeasuredData,
+        path: &ModelRun,
+        small_arcsec: &[f64; TIMING],
+    ) -> SignatureBank {
         let moves: [Vec<bool>; TIMING] = std::array::from_fn(|gyro| {
             let blocks = self.bases.first().map_or(0, |base| base.series[gyro].len());
-            (0..blocks).map(|block| turned(&path[gyro][nodes(block)]) >= SMALL_COUNTS).collect()
+            (0..blocks).map(|block| turned(&path[gyro][nodes(block)]) >= small_arcsec[gyro]).collect()
         });
+        let largest = small_arcsec.iter().take(self.gyros().heads()).copied().fold(0.0, f64::max);
+        let about_axes = self.blocks_of_axes(measured, path, largest);
         for base in &mut self.bases {
             let formula = base.amplitude.formula();
             if formula.is_none() && !base.amplitude.filters_motion() {
@@ -27,8 +48,7 @@ impl SignatureBank {
             }
             for (gyro, series) in base.series.iter_mut().enumerate().take(TIMING) {
                 let is_evidence = |block: usize| match formula {
-                    // The first three gyros sense the control axes.
-                    Some(formula) => formula.axes().all(|axis| moves[axis][block]),
+                    Some(formula) => formula.axes().all(|axis| about_axes[axis][block]),
                     None => moves[gyro][block],
                 };
                 let (mut sum, mut before) = (0.0, 0.0);
@@ -42,6 +62,21 @@ impl SignatureBank {
             base.products = Default::default();
         }
         self
+    }
+
+    /// Blocks in which the unit turns about each control axis by more than this.
+    fn blocks_of_axes(&self, measured: &MeasuredData, path: &ModelRun, small_arcsec: f64) -> [Vec<bool>; 3] {
+        let mut near = 0;
+        let mut angles: [Vec<f64>; 3] = std::array::from_fn(|_| Vec::with_capacity(measured.samples + 1));
+        for node in 0..=measured.samples {
+            let (angle, _) = measured.reference.at(node as f64 * measured.interval_s(), &mut near);
+            angles.iter_mut().zip(angle).for_each(|(own, angle)| own.push(angle));
+        }
+        std::array::from_fn(|axis| {
+            // The first three gyros of the default unit sense the control axes.
+            let own = if self.gyros() == Gyros::ALL { &path[axis] } else { &angles[axis] };
+            (0..self.block_count()).map(|block| turned(&own[nodes(block)]) >= small_arcsec).collect()
+        })
     }
 
     /// The signatures without dead zones up to a rate, and with time courses of others that switch them only: other courses pass through
@@ -77,8 +112,17 @@ fn turned(counts: &[f64]) -> f64 {
 
 /// Rate up to which a dead zone is not searched, arcsec/s: that of small motions if these answer the counts or are taken from them. Such a zone
 /// withholds the noise of the gyros, and explains it.
-pub fn unknown_rate_arcsec_per_s(measured: &MeasuredData, nominal: &Configuration, answers_counts: bool) -> f64 {
+pub fn unknown_rate_arcsec_per_s(
+    measured: &MeasuredData,
+    nominal: &Configuration,
+    answers_counts: bool,
+    small_arcsec: &[f64; TIMING],
+) -> f64 {
     let scale_factors = nominal.gyros.iter().map(|gyro| gyro.calibration.scale_factor);
     let largest = scale_factors.fold(0.0, f64::max);
-    if answers_counts || measured.smoothed.is_some() { SMALL_COUNTS / measured.block_s() * largest } else { 0.0 }
+    if answers_counts || measured.smoothed.is_some() {
+        small_arcsec.iter().take(measured.gyros().heads()).copied().fold(0.0, f64::max) / measured.block_s() * largest
+    } else {
+        0.0
+    }
 }

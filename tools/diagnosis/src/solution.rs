@@ -5,8 +5,10 @@ use std::cell::LazyCell;
 use geu_calibration::window::ManoeuvreWindow;
 use geu_model::Configuration;
 use geu_model::device::Device;
+use geu_model::effect::{ClockFrequency, Effect};
 
 use crate::diagnosis_case::DiagnosisCase;
+use crate::fitted_hypothesis::FittedHypothesis;
 use crate::linear_signatures::LinearSignatures;
 use crate::measured::{BLOCK, CHANNELS, MeasuredData, ModelRun, Shifts};
 use crate::model_selection::{MAX_PER_GYRO, Searches, SelectedModel, select_model};
@@ -16,14 +18,17 @@ use crate::null_distribution::{Thresholds, thresholds};
 use crate::rounding::{CLOSED_LOOP, CLOSED_LOOP_WITH_EFFECTS, correlation_with_motion};
 use crate::signature_bank::SignatureBank;
 use crate::significance::{FOUR_SIGMA_CHI2, THREE_SIGMAS};
-use crate::small_motions::unknown_rate_arcsec_per_s;
+use crate::small_motions::{small_arcsec, unknown_rate_arcsec_per_s};
 use crate::whiteness::whiteness_statistic;
 use crate::whitening::NoiseModel;
+use geu_hypothesis::Hypothesis;
 use geu_hypothesis::amplitude::AmplitudeRef;
 
 /// Margin by which a formula must be better than the catalogue, beside its family's threshold: assumed odds of e^2.5, twelve to one, that
 /// an effect is of the catalogue.
 const FORMULA_MARGIN: f64 = 5.0;
+/// Reduction of χ² from which an error of the clock is evident without a search: ten sigma.
+const EVIDENT_CHI2: f64 = 100.0;
 /// Maximum number of times that two hypotheses are added at once.
 const PAIR_ROUNDS: usize = 3;
 /// Version of the search beside the model's lists. It changes with grids, families and null recordings, so that stored thresholds never
@@ -95,9 +100,14 @@ impl<'a> Solution<'a> {
         let is_loop = correlation(&path) > CLOSED_LOOP;
         let whole = SignatureBank::new(measured, nominal);
         case.linear = LinearSignatures::new(whole.linear());
-        let contains_noise = !has_counts || is_loop;
-        let evident = |bank: SignatureBank| if contains_noise { bank.without_small_motions(&path) } else { bank };
-        let unknown_rate_arcsec_per_s = unknown_rate_arcsec_per_s(measured, nominal, contains_noise);
+        // The reference of a described unit may be as noisy as its gyros, and its motion may be taken from them.
+        let contains_noise = !has_counts || is_loop || !nominal.device.is_iras();
+        let small_arcsec = small_arcsec(measured, &nominal.device, &noise);
+        let evident = |bank: SignatureBank| match contains_noise {
+            true => bank.without_small_motions(measured, &path, &small_arcsec),
+            false => bank,
+        };
+        let unknown_rate_arcsec_per_s = unknown_rate_arcsec_per_s(measured, nominal, contains_noise, &small_arcsec);
         let catalogue = evident(whole.clone()).without_zones_up_to(unknown_rate_arcsec_per_s);
         let formulas = LazyCell::new(|| evident(catalogue.formulas(measured, nominal)));
         let all = LazyCell::new(|| catalogue.and(&formulas));
@@ -167,13 +177,29 @@ impl<'a> Solution<'a> {
 }
 
 /// Calibration parameters and lag fitted without an effect.
-pub fn fitted(case: &DiagnosisCase) -> ModelState {
+fn fitted(case: &DiagnosisCase) -> ModelState {
     let before = case.measured.run(case.nominal, Shifts::default());
     let noise = noise::configured(case.nominal, case.measured, &case.rounding, &case.measured.residual(&before));
     let mut fitted = case.start(noise);
     case.fit(&mut fitted);
     fitted.reset_undetermined_lag();
     fitted
+}
+
+/// Calibration parameters and lag fitted without an effect, and the error of a clock by which nodes without receive times are dated, ppm: 0
+/// if the motion does not show it by far.
+pub fn fitted_with_clock(case: &DiagnosisCase) -> (ModelState, f64) {
+    let fitted = fitted(case);
+    let mut all = AmplitudeRef::all(&case.nominal.device).into_iter();
+    let clock = all.find(|own| own.code() == ClockFrequency::SPEC.code && !case.measured.counts.is_received);
+    let Some(clock) = clock else { return (fitted, 0.0) };
+    let mut with = fitted.clone();
+    with.held.push(FittedHypothesis::new(Hypothesis::constant(clock, 0.0, case.measured.gyros())));
+    let fall = case.normal(&mut fitted.clone()).squares() - case.fit(&mut with).squares();
+    match with.held.pop().filter(|_| fall > EVIDENT_CHI2) {
+        Some(held) => (with, held.hypothesis.value),
+        None => (fitted, 0.0),
+    }
 }
 
 fn is_noise(selected: &SelectedModel, thresholds: &Thresholds) -> bool {

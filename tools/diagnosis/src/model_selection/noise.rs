@@ -31,7 +31,8 @@ impl SelectedModel {
         for _ in 0..walks.len() {
             let larger = self.larger_walks(case, &walks, &mut known);
             let margin = |found: &IdentifiedNoise| {
-                let is_further = self.noise.iter().any(|other| other.has_one_cause_with(found));
+                let is_further = !noise::is_declared(case.nominal, found.channel)
+                    || self.noise.iter().any(|other| other.has_one_cause_with(found));
                 found.fitted.fall - if is_further { FURTHER_WALK_CHI2 } else { threshold }
             };
             match larger.into_iter().max_by(|a, b| margin(a).total_cmp(&margin(b))) {

@@ -6,6 +6,7 @@ use crate::diagnosis_case::DiagnosisCase;
 use crate::fitted_hypothesis::FittedHypothesis;
 use crate::measured::{CHANNELS, TIMING};
 use crate::model_state::ModelState;
+use crate::noise::is_declared;
 use crate::noise::{FittedNoise, Walk};
 use crate::normal_equations::NormalEquations;
 use crate::null_distribution::Thresholds;
@@ -101,8 +102,12 @@ impl SelectedModel {
         thresholds: &Thresholds,
         noise: &[NoiseModel; CHANNELS],
     ) -> f64 {
-        let is_further =
-            |index: &usize| self.noise[..*index].iter().any(|one| one.has_one_cause_with(&self.noise[*index]));
+        let is_further = |index: &usize| {
+            let own = &self.noise[*index];
+            // Noise of which the configuration states none has to be found.
+            !is_declared(case.nominal, own.channel)
+                || self.noise[..*index].iter().any(|one| one.has_one_cause_with(own))
+        };
         let further = (0..self.noise.len()).filter(is_further).count() as f64;
         let walks = (self.noise.len() as f64 - further) * thresholds.largest() + further * FURTHER_WALK_CHI2;
         let (residual, a_priori) = (case.residual(&self.state), case.a_priori(&self.state.calibration));
