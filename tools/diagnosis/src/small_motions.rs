@@ -10,6 +10,7 @@ use crate::whitening::NoiseModel;
 use geu_hypothesis::Hypothesis;
 use geu_model::Configuration;
 use geu_model::device::Device;
+use geu_model::parameter_spec::MISALIGNMENTS;
 use geu_protocol::Gyros;
 
 /// Largest turn within a block of a motion that answers the counts: several roundings.
@@ -39,17 +40,23 @@ impl SignatureBank {
             let blocks = self.bases.first().map_or(0, |base| base.series[gyro].len());
             (0..blocks).map(|block| turned(&path[gyro][nodes(block)]) >= small_arcsec[gyro]).collect()
         });
+        let is_described = self.gyros().unit() != Gyros::ALL;
         let largest = small_arcsec.iter().take(self.gyros().heads()).copied().fold(0.0, f64::max);
         let about_axes = self.blocks_of_axes(measured, path, largest);
         for base in &mut self.bases {
             let formula = base.amplitude.formula();
-            if formula.is_none() && !base.amplitude.filters_motion() {
+            let projection = MISALIGNMENTS.iter().position(|name| *name == base.amplitude.number().name);
+            // What is in proportion to the motion explains the noise of a reference where the unit rests.
+            let unit = base.amplitude.number().unit;
+            let follows_noise = is_described && (projection.is_some() || unit.starts_with("ppm") || unit == "s");
+            if formula.is_none() && !base.amplitude.filters_motion() && !follows_noise {
                 continue;
             }
             for (gyro, series) in base.series.iter_mut().enumerate().take(TIMING) {
-                let is_evidence = |block: usize| match formula {
-                    Some(formula) => formula.axes().all(|axis| about_axes[axis][block]),
-                    None => moves[gyro][block],
+                let is_evidence = |block: usize| match (formula, projection.filter(|_| is_described)) {
+                    (Some(formula), _) => formula.axes().all(|axis| about_axes[axis][block]),
+                    (None, Some(axis)) => about_axes[axis][block],
+                    (None, None) => moves[gyro][block],
                 };
                 let (mut sum, mut before) = (0.0, 0.0);
                 let of_block = |(block, value): (usize, &f64)| {

@@ -20,7 +20,7 @@ use geu_protocol::Gyros;
 use nalgebra::{DVector, Matrix3xX, MatrixXx3, UnitQuaternion, Vector3};
 
 use super::reference_sigma::{ReferenceSigma, with_rounding};
-use super::smoothing::{LineSums, Point, REACH_ROWS, without_rounding};
+use super::smoothing::{LineSums, Point, REACH_ROWS, REACHES, SHORT_REACHES, without_rounding};
 use super::{BLOCK, TIMING, nodes};
 
 /// Spacing of rows up to which an exact reference is used as it is, in intervals of the nodes.
@@ -29,8 +29,11 @@ const MAX_SPACING: f64 = 1.2;
 const EXACT_ARCSEC: f64 = 0.6;
 /// Size of a count from which its rounding is smoothed out of the motion: a smaller one is less than the noise of a gyro within a block.
 const COARSE_ARCSEC: f64 = 0.5;
-/// Distance of rows over which the relative attitude shows its walk.
+/// Share of the gyros' noise up to which the noise of a reference does not matter.
+const WHITE_SHARE: f64 = 0.05;
+/// Distance over which the relative attitude shows its walk, rows and nodes.
 const FAR_ROWS: usize = 4;
+const FAR_NODES: f64 = 4.0;
 /// A row farther from the smoothed difference, in sigmas, is a glitch.
 const GLITCH_SIGMAS: f64 = 8.0;
 /// Minimum eigenvalue of the normal matrix of the gyros in use: 1 with a gyro along each axis, the square of a misalignment without.
@@ -105,12 +108,13 @@ impl SmoothedReference {
         let mut spacings: Vec<f64> = rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
         let spacing_s = median(&mut spacings);
         let has_gaps = !reference.gaps_s().is_empty();
-        let is_quiet = if is_coarse { largest < EXACT_ARCSEC } else { !is_white(&rows) };
+        let is_quiet = if is_coarse { largest < EXACT_ARCSEC } else { !is_white(&rows, block_s / spacing_s) };
         let is_exact = is_quiet && spacing_s <= MAX_SPACING * counts.interval_s && !has_gaps;
         if is_exact || rows.len() <= 2 * REACH_ROWS {
             return (stated, None);
         }
-        smooth(&mut rows, None, block_s);
+        let reaches = if is_coarse { REACHES } else { SHORT_REACHES };
+        smooth(&mut rows, None, (block_s, reaches));
         let scatter: [f64; 3] = std::array::from_fn(|axis| {
             let mut sizes: Vec<f64> = rows.iter().map(|row| row.departure()[axis].abs() / row.sigma[axis]).collect();
             median(&mut sizes) / MEDIAN_OF_NORMAL
@@ -120,7 +124,7 @@ impl SmoothedReference {
             let limit = |axis: usize| GLITCH_SIGMAS * (scatter[axis] * row.sigma[axis]).max(EXACT_ARCSEC);
             row.is_used = (0..3).all(|axis| departure[axis].abs() <= limit(axis));
         }
-        smooth(&mut rows, Some(scale), block_s);
+        smooth(&mut rows, Some(scale), (block_s, reaches));
         let ones = Vector3::repeat(1.0);
         let mean = mean_weights(rows.iter().filter(|row| row.is_used)).unwrap_or(ones);
         let sigma_arcsec = scale.component_div(&mean.map(f64::sqrt));
@@ -321,9 +325,9 @@ fn second_difference_sigma(rows: &[Row], axis: usize) -> f64 {
     median(&mut sizes) / MEDIAN_OF_NORMAL / 6f64.sqrt()
 }
 
-/// True if the relative attitude has more white noise than it walks from row to row: the walk is that of the gyros, white noise that of the
-/// reference. Second differences over a distance of n rows have 6 variances of the white noise and 2 n of the walk's growth.
-fn is_white(rows: &[Row]) -> bool {
+/// True if the white noise of the relative attitude, averaged over the nodes of a block of that many rows, is a share of its walk over a block
+/// or more: the walk is that of the gyros, white noise that of the reference. Second differences over a distance of n rows have 6 variances of the white noise and 2 n of the walk's growth.
+fn is_white(rows: &[Row], rows_per_block: f64) -> bool {
     let variance = |distance: usize| {
         let off = |own: &[Row]| {
             let [first, middle, last] = [0, distance, 2 * distance].map(|row| own[row].relative_arcsec);
@@ -331,18 +335,21 @@ fn is_white(rows: &[Row]) -> bool {
         };
         median(&mut rows.windows(2 * distance + 1).map(off).collect::<Vec<_>>()).powi(2)
     };
-    let [near, far] = [variance(1), variance(FAR_ROWS)];
-    let walk = (far - near).max(0.0) / (2.0 * (FAR_ROWS - 1) as f64);
-    (near - 2.0 * walk) / 6.0 > walk
+    // Between two nodes the attitude of the gyros is interpolated.
+    let distance = FAR_ROWS.max((FAR_NODES * rows_per_block / BLOCK as f64) as usize);
+    let [near, far] = [variance(1), variance(distance)];
+    let walk = (far - near).max(0.0) / (2.0 * (distance - 1) as f64);
+    let white = (near - 2.0 * walk) / 6.0;
+    white / BLOCK as f64 > WHITE_SHARE * walk * rows_per_block
 }
 
 /// Smooths the relative attitude by straight lines through the neighbours of each row; the reach of the lines follows from the noise of a
 /// row, or is the shortest one.
-fn smooth(rows: &mut [Row], sigma_arcsec: Option<Vector3<f64>>, block_s: f64) {
+fn smooth(rows: &mut [Row], sigma_arcsec: Option<Vector3<f64>>, (block_s, reaches): (f64, &'static [f64])) {
     let used = rows.iter().filter(|row| row.is_used);
     let points =
         used.map(|row| Point { t_s: row.t_s, value: row.relative_arcsec, weight: 3.0 / row.sigma.norm_squared() });
-    let sums = LineSums::new(points, block_s);
+    let sums = LineSums::new(points, block_s, reaches);
     for row in rows {
         row.smooth_arcsec = sums.smooth(row.t_s, sigma_arcsec);
     }
@@ -397,7 +404,7 @@ mod tests {
             is_used: true,
         };
         let mut rows: Vec<Row> = (0..25).map(row).collect();
-        smooth(&mut rows, None, 5.0);
+        smooth(&mut rows, None, (5.0, REACHES));
         // A 900th of the weight of each of 24.
         assert!(rows.iter().all(|row| row.smooth_arcsec.amax() < 90.0 / 900.0 / 24.0 * 1.1));
         let node_s: Vec<f64> = (0..=40).map(|node| f64::from(node) * SAMPLE_INTERVAL_S).collect();

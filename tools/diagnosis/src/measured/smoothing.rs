@@ -16,7 +16,9 @@ const STEADY_NODES: usize = 32;
 const TRANSITION: usize = 8;
 /// Reaches of the lines to either side, blocks, of the default unit 30 s to 8 min. A scale factor that is off turns a difference at the start of a slew, so that the shortest
 /// follows it; noise of 3″ each second leaves a rate of 0.02″/s of that, and 0.0003″/s of the longest.
-const REACHES: [f64; 5] = [6.0, 12.0, 24.0, 48.0, 96.0];
+pub const REACHES: &[f64] = &[6.0, 12.0, 24.0, 48.0, 96.0];
+/// The same beside gyros that are not calibrated yet: a drift or a scale factor that is off turns the difference with every turn of the unit.
+pub const SHORT_REACHES: &[f64] = &[0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0];
 /// Minimum number of points to either side.
 pub const REACH_ROWS: usize = 4;
 
@@ -100,6 +102,7 @@ pub struct Point {
 /// Sums over points from the first on, for lines through any neighbours.
 pub struct LineSums {
     block_s: f64,
+    reaches: &'static [f64],
     t_s: Vec<f64>,
     middle_s: f64,
     /// Weight; weight × time; weight × time².
@@ -109,8 +112,8 @@ pub struct LineSums {
 }
 
 impl LineSums {
-    /// Sums of points in order of time, beside blocks of this length.
-    pub fn new(points: impl Iterator<Item = Point> + Clone, block_s: f64) -> LineSums {
+    /// Sums of points in order of time, for lines with these reaches, in blocks of this length.
+    pub fn new(points: impl Iterator<Item = Point> + Clone, block_s: f64, reaches: &'static [f64]) -> LineSums {
         let t_s: Vec<f64> = points.clone().map(|point| point.t_s).collect();
         let middle_s = t_s.first().zip(t_s.last()).map_or(0.0, |(first, last)| 0.5 * (first + last));
         let (mut moments, mut products) = (vec![[0.0; 3]], vec![[Vector3::zeros(); 2]]);
@@ -122,14 +125,14 @@ impl LineSums {
             moments.push(moment);
             products.push(product);
         }
-        LineSums { block_s, t_s, middle_s, moments, products }
+        LineSums { block_s, reaches, t_s, middle_s, moments, products }
     }
 
     /// The value at a time, of which `sigma` is that of a point of weight 1: by the longest line that departs from no shorter one by more
     /// than its noise, or by the shortest line without a sigma.
     pub fn smooth(&self, at_s: f64, sigma: Option<Vector3<f64>>) -> Vector3<f64> {
         let mut lines: Vec<(Vector3<f64>, f64)> = Vec::new();
-        for reach in &REACHES[..if sigma.is_some() { REACHES.len() } else { 1 }] {
+        for reach in &self.reaches[..if sigma.is_some() { self.reaches.len() } else { 1 }] {
             let line = self.line(at_s, reach * self.block_s);
             let is_off = |(shorter, variance): &(Vector3<f64>, f64)| {
                 let limit = sigma.unwrap_or_default() * (THREE_SIGMAS * variance.sqrt());
@@ -206,7 +209,7 @@ mod tests {
             let t_s = f64::from(number);
             Point { t_s, value: Vector3::repeat(value(t_s) + noise(number)), weight: 1.0 }
         });
-        let sums = LineSums::new(points, 5.0);
+        let sums = LineSums::new(points, 5.0, REACHES);
         let error = |t_s: f64| (sums.smooth(t_s, Some(Vector3::repeat(3.0)))[0] - value(t_s)).abs();
         assert!(error(700.0) < 0.01 && error(1499.5) < 1.8, "{} {}", error(700.0), error(1499.5));
         assert!(error(1600.0) < 0.4, "{}", error(1600.0));

@@ -31,8 +31,7 @@ impl SelectedModel {
         for _ in 0..walks.len() {
             let larger = self.larger_walks(case, &walks, &mut known);
             let margin = |found: &IdentifiedNoise| {
-                let is_further = !noise::is_declared(case.nominal, found.channel)
-                    || self.noise.iter().any(|other| other.has_one_cause_with(found));
+                let is_further = self.noise.iter().any(|other| other.has_one_cause_with(found));
                 found.fitted.fall - if is_further { FURTHER_WALK_CHI2 } else { threshold }
             };
             match larger.into_iter().max_by(|a, b| margin(a).total_cmp(&margin(b))) {
@@ -46,6 +45,8 @@ impl SelectedModel {
             let larger = self.larger_walks(case, &of_gyros, &mut known);
             let fall: f64 = larger.iter().map(|found| found.fitted.fall).sum();
             let further = FURTHER_WALK_CHI2 * larger.len().saturating_sub(1) as f64;
+            let undeclared = larger.iter().filter(|found| !noise::is_declared(case.nominal, found.channel)).count();
+            let threshold = if 2 * undeclared > of_gyros.len() { FURTHER_WALK_CHI2 } else { threshold };
             if larger.len() > 1 && fall > threshold + further {
                 larger.into_iter().for_each(|found| self.accept_walk(found, &mut known));
             }

@@ -104,15 +104,19 @@ impl SelectedModel {
     ) -> f64 {
         let is_further = |index: &usize| {
             let own = &self.noise[*index];
-            // Noise of which the configuration states none has to be found.
-            !is_declared(case.nominal, own.channel)
-                || self.noise[..*index].iter().any(|one| one.has_one_cause_with(own))
+            self.is_of_unit(case, own.walk) || self.noise[..*index].iter().any(|one| one.has_one_cause_with(own))
         };
         let further = (0..self.noise.len()).filter(is_further).count() as f64;
         let walks = (self.noise.len() as f64 - further) * thresholds.largest() + further * FURTHER_WALK_CHI2;
         let (residual, a_priori) = (case.residual(&self.state), case.a_priori(&self.state.calibration));
         let normal = NormalEquations::new(case.whitenings(noise), &residual, &case.nuisances, &a_priori);
         normal.deviance() + self.penalties() + walks
+    }
+
+    /// True for a walk that most gyros of a unit show, of which the configuration states no noise: it is that of the unit.
+    fn is_of_unit(&self, case: &DiagnosisCase, walk: Walk) -> bool {
+        let own = self.noise.iter().filter(|found| found.walk == walk && !is_declared(case.nominal, found.channel));
+        2 * own.count() > case.measured.gyros().heads()
     }
 
     /// χ² plus all penalties, at the noise of the state.
