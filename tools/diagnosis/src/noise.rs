@@ -133,27 +133,34 @@ pub fn is_declared(configuration: &Configuration, gyro: usize) -> bool {
 /// White noise and angle random walk of a residual: the variance of second differences of averages over 1 to 8 blocks, of neighbours,
 /// is 6 w/n + n q for a white variance w and a growth q over a block. Medians, which no missing effect changes.
 fn of_differences(residual: &[f64], blocks: &[Block], rounding: &[BlockRounding], block_s: f64) -> (f64, f64) {
+    let is_known = |block: usize| blocks[block].is_compared && !blocks[block].restarts;
+    let count = blocks.len().min(residual.len());
+    let (mut sums, mut unknown) = (vec![0.0], vec![0usize]);
+    for block in 0..count {
+        sums.push(sums[block] + residual[block]);
+        unknown.push(unknown[block] + usize::from(!is_known(block)));
+    }
+    // Of three neighbours from each block on.
     let of_length = |length: usize| {
-        let average = |at: usize| {
-            let range = at * length..(at + 1) * length;
-            let is_known = blocks.get(range.clone())?.iter().all(|block| block.is_compared && !block.restarts);
-            is_known.then(|| residual[range].iter().sum::<f64>() / length as f64)
+        let difference = |from: usize| {
+            let [a, b, c, d] = [0, 1, 2, 3].map(|end| from + end * length);
+            let sum = sums[b] - sums[a] - 2.0 * (sums[c] - sums[b]) + sums[d] - sums[c];
+            (unknown[d] == unknown[a]).then(|| sum.abs() / length as f64)
         };
-        let averages: Vec<Option<f64>> = (0..blocks.len() / length).map(average).collect();
-        let difference = |own: &[Option<f64>]| Some((own[0]? - 2.0 * own[1]? + own[2]?).abs());
-        let mut sizes: Vec<f64> = averages.windows(3).filter_map(difference).collect();
-        let is_enough = sizes.len() >= MIN_DIFFERENCES;
+        let mut sizes: Vec<f64> = (0..(count + 1).saturating_sub(3 * length)).filter_map(difference).collect();
+        let is_enough = sizes.len() >= MIN_DIFFERENCES * length;
         is_enough.then(|| (length as f64, (median(&mut sizes) / MEDIAN_OF_NORMAL).powi(2)))
     };
     // Rounding of slow motion is no white noise; it stands beside both.
     let rounded = rounding.iter().map(|own| own.second_difference).sum::<f64>() / rounding.len().max(1) as f64;
     let known: Vec<(f64, f64)> = LENGTHS.iter().filter_map(|&length| of_length(length)).collect();
-    // Least squares of relative errors, of white noise and walk or of one of them.
+    // Least squares of relative errors, which grow with the length, of white noise and walk or of one of them.
     let (mut aa, mut ab, mut bb, mut ay, mut by) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for (length, variance) in &known {
         let variance = (variance - rounded).max(1e-3 * variance).max(f64::MIN_POSITIVE);
-        let (a, b) = (6.0 / length / variance, length / variance);
-        (aa, ab, bb, ay, by) = (aa + a * a, ab + a * b, bb + b * b, ay + a, by + b);
+        let (a, b, weight) = (6.0 / length / variance, length / variance, 1.0 / length);
+        (aa, ab, bb) = (aa + weight * a * a, ab + weight * a * b, bb + weight * b * b);
+        (ay, by) = (ay + weight * a, by + weight * b);
     }
     let determinant = aa * bb - ab * ab;
     let (white, walk) = ((ay * bb - by * ab) / determinant, (by * aa - ay * ab) / determinant);
