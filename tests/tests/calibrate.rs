@@ -245,7 +245,7 @@ fn lists_and_references_that_do_not_fit_are_refused_or_left_out() {
     );
     assert!(message.contains("no manoeuvre turns about Z"), "{message}");
     let message = refused(&["calibrate", "--link", &link, "--manoeuvres", &manoeuvres, "--reference", &manoeuvres]);
-    assert!(message.contains("expected the columns t_s and either"), "{message}");
+    assert!(message.contains("expected the columns t_s (or"), "{message}");
     let sse = in_can("sse.csv");
     let message = refused(&["calibrate", "--link", &link, "--fss", &sse, "--sse", &sse]);
     assert!(message.contains("line 1: header: expected the columns"), "{message}");
