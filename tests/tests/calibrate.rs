@@ -11,7 +11,7 @@ use geu_model::Configuration;
 use geu_model::package::Calibration;
 use geu_recording::{DecoderOptions, InputReader, ReferenceAttitude, Stop};
 use geu_tests::{geu, recordings, root};
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 use tempfile::TempDir;
 
 /// Four hours of the default scenario up to the survey, with pointing, scans about Y, Z and X; shared by all tests.
@@ -244,8 +244,25 @@ fn lists_and_references_that_do_not_fit_are_refused_or_left_out() {
         "{message}"
     );
     assert!(message.contains("no manoeuvre turns about Z"), "{message}");
+    // Quaternions, scalar last, that drop out at the start of the scan about Z.
+    let dropout = edited(&temp_dir, "reference.csv", |text| {
+        let mut attitude = UnitQuaternion::identity();
+        let row = |row: &str| {
+            let numbers: Vec<f64> = row.split(',').map(|number| number.parse().expect("a number")).collect();
+            let turn = Vector3::new(numbers[1], numbers[2], numbers[3]) * 0.5 / 206_264.806_247_096_36;
+            attitude *= UnitQuaternion::from_scaled_axis(turn);
+            match numbers[0] - 1_800_001_260.0 {
+                -2.0..=2.0 => format!("{};;nan;;\n", numbers[0]),
+                _ => format!("{};{};{};{};{}\n", numbers[0], attitude.i, attitude.j, attitude.k, attitude.w),
+            }
+        };
+        format!("t_s;q1;q2;q3;q4\n{}", text.lines().skip(1).map(row).collect::<String>())
+    });
+    let message = refused(&arguments(&link, &manoeuvres, text(&dropout)));
+    let part = "left out: z-scan at 1800001260.0 s: the reference has a gap at its start or end";
+    assert!(message.contains(part) && message.contains("no manoeuvre turns about Z"), "{message}");
     let message = refused(&["calibrate", "--link", &link, "--manoeuvres", &manoeuvres, "--reference", &manoeuvres]);
-    assert!(message.contains("expected the columns t_s and either"), "{message}");
+    assert!(message.contains("expected the columns t_s (or"), "{message}");
     let sse = in_can("sse.csv");
     let message = refused(&["calibrate", "--link", &link, "--fss", &sse, "--sse", &sse]);
     assert!(message.contains("line 1: header: expected the columns"), "{message}");

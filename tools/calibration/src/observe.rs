@@ -138,6 +138,9 @@ pub fn with_reference(
             let (from_s, to_s) = (zero_s + truth.start_s(), zero_s + truth.end_s());
             return Err(format!("the reference does not cover it: it covers {from_s:.1}…{to_s:.1} s"));
         }
+        if !ends_s.iter().all(|t_s| truth.is_known(*t_s)) {
+            return Err("the reference has a gap at its start or end".to_owned());
+        }
         let [before, after] = ends_s.map(|t_s| truth.at(t_s, &mut near).0);
         let nodes_s = [counts.node_s[from], counts.node_s[to]];
         let mut observation =
@@ -180,7 +183,7 @@ pub fn reference_sigma_arcsec(
     let mut sigmas = [0.0; 3];
     for gyro in [Gyro::X, Gyro::Y, Gyro::ZA] {
         let (axis, mut near) = (own_axis(gyro), 0);
-        let inside = |t_s: f64| t_s >= truth.start_s() && t_s <= truth.end_s();
+        let inside = |t_s: f64| t_s >= truth.start_s() && t_s <= truth.end_s() && truth.is_known(t_s);
         let difference: Vec<Option<f64>> = (0..counts.node_s.len())
             .map(|node| {
                 let t_s = counts.node_s[node] + offset_s;

@@ -72,7 +72,7 @@ impl AttitudeInput {
     fn read(arguments: &Arguments, configuration: &Configuration) -> Result<AttitudeInput, CommandError> {
         match (&arguments.reference, &arguments.fss, &arguments.sse) {
             (Some(name), ..) => {
-                ReferenceAttitude::read(name).map(AttitudeInput::Reference).map_err(CommandError::input)
+                ReferenceAttitude::read_with_gaps(name).map(AttitudeInput::Reference).map_err(CommandError::input)
             }
             (None, Some(fss), Some(sse)) => AbsoluteData::read(Some(fss), sse, configuration.sensors)
                 .map(AttitudeInput::Sensors)

@@ -16,7 +16,7 @@
 
 use std::io;
 
-use geu_model::attitude::AttitudeRow;
+use geu_model::attitude::{AttitudeRow, RecordedAttitude};
 use geu_protocol::calendar::days_since_1970;
 use geu_protocol::excerpt::excerpt;
 use nalgebra::{Quaternion, UnitQuaternion};
@@ -245,7 +245,8 @@ pub(crate) fn parse(
         place.line += 1;
         return Err(place.wrong("message", "a segment of data up to DATA_STOP", "the end of the file"));
     };
-    ReferenceAttitude::from_turns(name, start_ns.unwrap_or(0), &rows, &lines, Some(layout.time_system), false)
+    let truth = RecordedAttitude::new(&rows);
+    ReferenceAttitude::from_turns(name, start_ns.unwrap_or(0), &lines, Some(layout.time_system), truth)
 }
 
 /// An epoch, calendar or day of year, as ns since 1970 in its own time system.

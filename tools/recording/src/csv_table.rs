@@ -58,8 +58,14 @@ impl<R: Read> CsvTable<R> {
         CsvTable::build(name, rows, csv::ReaderBuilder::new().comment(Some(b'#')).flexible(true))
     }
 
-    fn build(name: &str, rows: RowReader<R>, builder: &mut csv::ReaderBuilder) -> Result<CsvTable<R>, TableError> {
-        let mut table = rows.table(builder.trim(csv::Trim::All));
+    fn build(name: &str, mut rows: RowReader<R>, builder: &mut csv::ReaderBuilder) -> Result<CsvTable<R>, TableError> {
+        // The most frequent character of the header.
+        let head =
+            rows.first_lines().map_err(|source| TableError::Csv { name: name.to_owned(), source: source.into() })?;
+        let header = head.iter().find(|line| !line.trim().is_empty() && !line.starts_with('#'));
+        let count = |delimiter: &char| header.map_or(0, |header| header.matches(*delimiter).count());
+        let delimiter = ['\t', ';', ','].into_iter().max_by_key(count).unwrap_or(',');
+        let mut table = rows.table(builder.trim(csv::Trim::All).delimiter(delimiter as u8));
         let header = table.header().map_err(|source| TableError::Csv { name: name.to_owned(), source })?;
         Ok(CsvTable { name: name.to_owned(), header, record: csv::StringRecord::new(), table })
     }
@@ -67,6 +73,15 @@ impl<R: Read> CsvTable<R> {
     /// Place of the column with this title.
     pub fn column(&self, title: &str) -> Option<usize> {
         self.header.iter().position(|column| column == title)
+    }
+
+    pub fn titles(&self) -> impl Iterator<Item = &str> {
+        self.header.iter()
+    }
+
+    /// True for an empty field and for NaN.
+    pub fn is_missing(&self, column: usize) -> bool {
+        self.text(column).is_empty() || self.text(column).parse().is_ok_and(f64::is_nan)
     }
 
     /// Places of all these columns.

@@ -68,7 +68,7 @@ pub use input_reader::{Decode, InputReader, Stop};
 pub use no_rows::no_rows_reason;
 pub use others::Others;
 pub use rate_table::{RateRow, RateTable};
-pub use reference::{REFERENCE, ReferenceAttitude};
+pub use reference::{REFERENCE, ReferenceAttitude, ReferenceTrial};
 pub use row::{DeviceSample, ReceivedSample, Sink};
 pub use summary::DecodeSummary;
 pub use text::{RowLines, RowReader, Table, open_rows, read_text};

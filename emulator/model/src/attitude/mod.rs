@@ -17,7 +17,7 @@ pub use body_rates::{RateSegment, length_s};
 pub use manoeuvre::{Manoeuvre, Scenario};
 pub use motion::{LimitCycle, Motion, MotionState, MotionStep};
 pub use profile::{AttitudeProfile, InfeasibleManoeuvre, Leg};
-pub use recorded::{AttitudeRow, AttitudeRowsError, RecordedAttitude, median_spacing_s};
+pub use recorded::{AttitudeRow, AttitudeRowsError, GAP_SPACINGS, RecordedAttitude, median_spacing_s};
 pub use streamed::{Knot, SampleQuality, StreamedAttitude, turn_between_arcsec};
 pub use sun::Sun;
 pub use truth_numbers::TruthNumbers;

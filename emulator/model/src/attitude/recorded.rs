@@ -63,7 +63,7 @@ const MAX_ARCSEC: f64 = 1e9;
 /// Limit of θ and ψ.
 const MAX_RAD: f64 = 1e4;
 /// A hole longer than this many median spacings is a gap.
-const GAP_SPACINGS: f64 = 1.9;
+pub const GAP_SPACINGS: f64 = 1.9;
 
 /// Median spacing of rows in time; `None` for fewer than two rows.
 pub fn median_spacing_s(rows: &[AttitudeRow]) -> Option<f64> {
@@ -90,7 +90,9 @@ pub struct RecordedAttitude {
     /// Turn of ψ from each to the next.
     turn_psi_rad: Vec<f64>,
     /// Rotation about X and Y, since the row after the start, beyond that of θ and ψ; empty if they are unknown.
-    departure_control_arcsec: Vec<[f64; 2]>,
+    departure_arcsec: Vec<[f64; 2]>,
+    /// Rows after a gap.
+    gaps: Vec<usize>,
 }
 
 impl RecordedAttitude {
@@ -99,15 +101,18 @@ impl RecordedAttitude {
     /// # Errors
     /// Rows that overlap, leave a gap, or are too few.
     pub fn new(rows: &[AttitudeRow]) -> Result<RecordedAttitude, AttitudeRowsError> {
-        match gaps(rows).first() {
-            Some(&index) => {
-                RecordedAttitude::with_gaps(rows)?;
-                let (before, row) = (&rows[index - 1], &rows[index]);
-                let spacing_s = median_spacing_s(rows).unwrap_or_default();
-                Err(AttitudeRowsError::Gap { index, t_s: row.t_s, gap_s: row.t_s - before.t_s, spacing_s })
-            }
-            None => RecordedAttitude::with_gaps(rows),
-        }
+        RecordedAttitude::with_gaps(rows)?.without_gaps(rows)
+    }
+
+    /// Refuses gaps between these rows.
+    ///
+    /// # Errors
+    /// The first gap.
+    pub fn without_gaps(self, rows: &[AttitudeRow]) -> Result<RecordedAttitude, AttitudeRowsError> {
+        let Some(&index) = self.gaps.first() else { return Ok(self) };
+        let (before_s, t_s) = (rows[index - 1].t_s, rows[index].t_s);
+        let spacing_s = median_spacing_s(rows).unwrap_or_default();
+        Err(AttitudeRowsError::Gap { index, t_s, gap_s: t_s - before_s, spacing_s })
     }
 
     /// Reads rows that may leave gaps, in which the motion is not known.
@@ -149,8 +154,22 @@ impl RecordedAttitude {
         let theta_psi_rad: Vec<(f64, f64)> =
             rows.iter().map(|row| row.theta_psi_rad).collect::<Option<_>>().unwrap_or_default();
         let turn_psi_rad = theta_psi_rad.windows(2).map(|pair| shorter_way(pair[1].1 - pair[0].1)).collect();
-        let departure_control_arcsec = departure(&t_s, &angle_control_arcsec, &theta_psi_rad);
-        Ok(RecordedAttitude { t_s, angle_control_arcsec, bend, theta_psi_rad, turn_psi_rad, departure_control_arcsec })
+        let departure_arcsec = departure(&t_s, &angle_control_arcsec, &theta_psi_rad);
+        let gaps = gaps(rows);
+        Ok(RecordedAttitude { t_s, angle_control_arcsec, bend, theta_psi_rad, turn_psi_rad, departure_arcsec, gaps })
+    }
+
+    /// Reads rows, in rising order `gaps`, before which neither motion nor turn is known. The spline does not bend there, and at
+    /// rows without a turn, in which the unit rests.
+    ///
+    /// # Errors
+    /// Rows that overlap or are too few.
+    pub fn with_known_gaps(rows: &[AttitudeRow], gaps: Vec<usize>) -> Result<RecordedAttitude, AttitudeRowsError> {
+        let mut read = RecordedAttitude::with_gaps(rows)?;
+        for row in (1..rows.len()).filter(|&row| rows[row].angle_control_arcsec == [0.0; 3]) {
+            read.bend.iter_mut().for_each(|bend| bend[row - 1..=row].fill(0.0));
+        }
+        Ok(RecordedAttitude { gaps, ..read })
     }
 
     /// The first row's time.
@@ -181,11 +200,13 @@ impl RecordedAttitude {
 
     /// Start and end of each gap between rows, s.
     pub fn gaps_s(&self) -> Vec<[f64; 2]> {
-        let mut spacings: Vec<f64> = self.t_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        let middle = spacings.len() / 2;
-        let limit_s = GAP_SPACINGS * *spacings.select_nth_unstable_by(middle, f64::total_cmp).1;
-        let is_gap = |pair: &&[f64]| pair[1] - pair[0] > limit_s;
-        self.t_s.windows(2).filter(is_gap).map(|pair| [pair[0], pair[1]]).collect()
+        self.gaps.iter().map(|&row| [self.t_s[row - 1], self.t_s[row]]).collect()
+    }
+
+    /// False within a gap.
+    pub fn is_known(&self, t_s: f64) -> bool {
+        let next = self.gaps.partition_point(|&row| self.t_s[row] <= t_s);
+        self.gaps.get(next).is_none_or(|&row| self.t_s[row - 1] >= t_s)
     }
 
     /// End of the last row's interval.
@@ -201,7 +222,7 @@ impl RecordedAttitude {
     /// Rotation about X and Y from the attitude that θ and ψ define, linear between rows. `near` is the interval that
     /// [`RecordedAttitude::at`] found for `t_s`.
     pub fn departure_control_arcsec(&self, t_s: f64, near: usize) -> [f64; 2] {
-        let Some(&[from, to]) = self.departure_control_arcsec.get(near..near + 2) else { return [0.0; 2] };
+        let Some(&[from, to]) = self.departure_arcsec.get(near..near + 2) else { return [0.0; 2] };
         let share = ((t_s - self.t_s[near]) / (self.t_s[near + 1] - self.t_s[near])).clamp(0.0, 1.0);
         [0, 1].map(|axis| from[axis] + (to[axis] - from[axis]) * share)
     }
