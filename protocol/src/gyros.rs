@@ -53,7 +53,7 @@ impl Gyros {
         self.unit.len()
     }
 
-    /// Its gyros.
+    /// Iterates over its gyros, in the order of the unit.
     pub fn gyros(self) -> impl Iterator<Item = Gyro> {
         self.unit.iter().copied().filter(move |gyro| self[gyro.index()])
     }
@@ -94,7 +94,7 @@ impl Gyros {
         self.with_mask(1 << gyro)
     }
 
-    /// Those of its gyros for which `has` is true.
+    /// Keeps the gyros for which `has` is true.
     #[must_use]
     pub fn filter(self, has: impl Fn(usize) -> bool) -> Gyros {
         let bit = |gyro: usize| usize::from(self[gyro] && has(gyro)) << gyro;
@@ -107,7 +107,7 @@ impl Gyros {
         Gyros { mask: self.mask | other.mask, ..self }
     }
 
-    /// Its gyros without those of the other.
+    /// Removes the gyros of the other set.
     #[must_use]
     pub fn without(self, other: Gyros) -> Gyros {
         Gyros { mask: self.mask & !other.mask, ..self }
@@ -125,7 +125,7 @@ impl Gyros {
 }
 
 impl Ord for Gyros {
-    /// By the first gyro that only one of them has.
+    /// Compares by the first gyro of only one of the sets.
     fn cmp(&self, other: &Gyros) -> Ordering {
         (self.mask.reverse_bits(), self.unit).cmp(&(other.mask.reverse_bits(), other.unit))
     }
@@ -138,7 +138,7 @@ impl PartialOrd for Gyros {
 }
 
 impl Default for Gyros {
-    /// None of the default unit.
+    /// An empty set of the default unit.
     fn default() -> Gyros {
         Gyros { mask: 0, ..Gyros::ALL }
     }

@@ -10,6 +10,7 @@ mod decode_live;
 mod device_run;
 mod devices;
 mod diagnose;
+mod diagnose_device;
 mod diagnose_effects;
 mod diagnose_gap;
 mod diagnose_next;

@@ -248,7 +248,7 @@ impl Follows {
                 (variance, Follows { axis, ..own })
             })
             .collect();
-        // A motion that none of the axes shows, or that the noise of the reference is, shows nothing.
+        // A motion below the noise of the reference does not show an axis.
         let noise = {
             let mut steps: Vec<f64> =
                 windows.windows(3).map(|own| (own[0].1 - 2.0 * own[1].1 + own[2].1).norm()).collect();

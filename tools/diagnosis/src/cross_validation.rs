@@ -73,7 +73,7 @@ pub fn held_out(case: &DiagnosisCase, state: &ModelState) -> ResidualStats {
         plain(gyro, node) - residual_stats::at_node(own, node - bounds[third] * BLOCK)
     };
     let mut windowed = residual_stats::windowed(measured, of_node);
-    for gyro in &mut windowed {
+    for gyro in windowed.iter_mut().filter(|gyro| !gyro.is_empty()) {
         for &start in &bounds[1..THIRDS] {
             let first = 1 + start * BLOCK;
             let end = (first - 1).next_multiple_of(WINDOW).min(gyro.len() - 1);

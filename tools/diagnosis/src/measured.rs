@@ -10,6 +10,7 @@ mod series;
 mod smoothed_reference;
 mod smoothing;
 mod temperature;
+mod turns;
 
 use geu_checks::median;
 use std::sync::Arc;
@@ -135,7 +136,7 @@ impl MeasuredData {
         mut counts: AccumulatedCounts,
         reference: &ReferenceAttitude,
         lag_s: f64,
-        believed: Option<&Configuration>,
+        calibrated: Option<&Configuration>,
     ) -> Result<MeasuredData, MeasuredError> {
         if counts.is_empty() {
             return Err(MeasuredError::Empty);
@@ -176,7 +177,7 @@ impl MeasuredData {
         let block_s = BLOCK as f64 * counts.interval_s;
         let min_s = MIN_BLOCKS as f64 * block_s;
         if covered < MIN_BLOCKS {
-            let at = counts.start_ns as f64 * 1e-9;
+            let at = counts.start_s();
             return Err(MeasuredError::NoOverlap {
                 from_s: at,
                 to_s: at + counts.end_s(),
@@ -189,17 +190,12 @@ impl MeasuredData {
         if good < MIN_BLOCKS {
             return Err(MeasuredError::Broken { good_s: good as f64 * block_s, common_s, min_s });
         }
-        let (reference_sigma, smoothed) = believed.map_or((None, None), |believed| {
-            SmoothedReference::new(&counts, &reference, sigma_arcsec, believed, samples / BLOCK)
+        let (reference_sigma, smoothed) = calibrated.map_or((None, None), |calibrated| {
+            SmoothedReference::new(&counts, &reference, sigma_arcsec, calibrated, samples / BLOCK)
         });
-        if let Some(smoothed) = &smoothed {
-            for channel in &mut blocks[..TIMING] {
-                let has_row = channel.iter_mut().zip(&smoothed.departure);
-                has_row.for_each(|(block, departure)| block.is_compared &= departure.is_some());
-            }
-        }
-        let reference = Arc::new(smoothed.as_ref().map_or(reference, |smoothed| smoothed.motion.clone()));
         let smoothed = smoothed.map(Arc::new);
+        smoothed.iter().for_each(|smoothed| leave_out_without_rows(smoothed, &mut blocks));
+        let reference = Arc::new(smoothed.as_ref().map_or(reference, |smoothed| smoothed.motion.clone()));
         Ok(MeasuredData {
             counts,
             reference,
@@ -328,6 +324,13 @@ impl MeasuredData {
 /// Nodes of a block: node 0 is the start.
 pub fn nodes(block: usize) -> std::ops::Range<usize> {
     1 + block * BLOCK..1 + (block + 1) * BLOCK
+}
+
+/// Leaves blocks without a row of the reference out of the comparison.
+fn leave_out_without_rows(smoothed: &SmoothedReference, blocks: &mut [Vec<Block>; CHANNELS]) {
+    for channel in &mut blocks[..TIMING] {
+        channel.iter_mut().zip(&smoothed.departure).for_each(|(block, own)| block.is_compared &= own.is_some());
+    }
 }
 
 /// Leaves out the blocks of each channel that contain a break.

@@ -1,5 +1,8 @@
 //! The noise of the channels: configured random walks, estimated white noise, and fits of walks above the configured ones.
 
+mod differences;
+mod minimum;
+
 use geu_checks::median;
 use std::borrow::Cow;
 
@@ -15,6 +18,7 @@ use crate::normal_equations::{Nuisance, RIDGE, THIRDS};
 use crate::rounding::{BlockRounding, Rounding};
 use crate::significance::MEDIAN_OF_NORMAL;
 use crate::whitening::{NoiseModel, Whitening};
+use minimum::{lowest, minimise};
 
 /// Maximum number of iterations of a fit of walk and white noise.
 const ITERATIONS: usize = 12;
@@ -26,9 +30,6 @@ const CONVERGED: f64 = 0.02;
 const WINDOW: usize = 120;
 /// Minimum white noise in addition to rounding, counts²: a tenth of ten independent roundings, since the model's rate is not exact.
 const MIN_WHITE: f64 = 0.1 / 12.0 / BLOCK as f64;
-/// Lengths of averages, blocks, of which second differences are taken, and the minimum number of these.
-const LENGTHS: [usize; 4] = [1, 2, 4, 8];
-const MIN_DIFFERENCES: usize = 12;
 /// Minimum white noise of angles that are not rounded, arcsec².
 const MIN_EXACT: f64 = 1e-8;
 /// Minimum white noise of the times, 1 µs in units of the channel.
@@ -108,7 +109,7 @@ pub fn configured(
         let growths = Walk::ALL.map(|walk| effects.map_or(0.0, |own| walk.growth(own)));
         if effects.is_some() && !is_declared(configuration, channel) {
             let blocks = &measured.blocks[channel];
-            let (white, angle_walk) = of_differences(&residual[channel], blocks, &rounding[channel], block_s);
+            let (white, angle_walk) = differences::noise(&residual[channel], blocks, &rounding[channel], block_s);
             let white = white.max(min_white(measured, channel));
             return NoiseModel { white, angle_walk, rate_walk: 0.0, scale_walk: 0.0, flicker: 0.0 };
         }
@@ -128,49 +129,6 @@ pub fn configured(
 pub fn is_declared(configuration: &Configuration, gyro: usize) -> bool {
     let Some(own) = configuration.gyros.get(gyro) else { return true };
     configuration.device.is_iras() || Walk::ALL.iter().any(|walk| walk.growth(&own.effects.constant) > 0.0)
-}
-
-/// White noise and angle random walk of a residual: the variance of second differences of averages over 1 to 8 blocks, of neighbours,
-/// is 6 w/n + n q for a white variance w and a growth q over a block. Medians, which no missing effect changes.
-fn of_differences(residual: &[f64], blocks: &[Block], rounding: &[BlockRounding], block_s: f64) -> (f64, f64) {
-    let is_known = |block: usize| blocks[block].is_compared && !blocks[block].restarts;
-    let count = blocks.len().min(residual.len());
-    let (mut sums, mut unknown) = (vec![0.0], vec![0usize]);
-    for block in 0..count {
-        sums.push(sums[block] + residual[block]);
-        unknown.push(unknown[block] + usize::from(!is_known(block)));
-    }
-    // Of three neighbours from each block on.
-    let of_length = |length: usize| {
-        let difference = |from: usize| {
-            let [a, b, c, d] = [0, 1, 2, 3].map(|end| from + end * length);
-            let sum = sums[b] - sums[a] - 2.0 * (sums[c] - sums[b]) + sums[d] - sums[c];
-            (unknown[d] == unknown[a]).then(|| sum.abs() / length as f64)
-        };
-        let mut sizes: Vec<f64> = (0..(count + 1).saturating_sub(3 * length)).filter_map(difference).collect();
-        let is_enough = sizes.len() >= MIN_DIFFERENCES * length;
-        is_enough.then(|| (length as f64, (median(&mut sizes) / MEDIAN_OF_NORMAL).powi(2)))
-    };
-    // Rounding of slow motion is no white noise; it stands beside both.
-    let rounded = rounding.iter().map(|own| own.second_difference).sum::<f64>() / rounding.len().max(1) as f64;
-    let known: Vec<(f64, f64)> = LENGTHS.iter().filter_map(|&length| of_length(length)).collect();
-    // Least squares of relative errors, which grow with the length, of white noise and walk or of one of them.
-    let (mut aa, mut ab, mut bb, mut ay, mut by) = (0.0, 0.0, 0.0, 0.0, 0.0);
-    for (length, variance) in &known {
-        let variance = (variance - rounded).max(1e-3 * variance).max(f64::MIN_POSITIVE);
-        let (a, b, weight) = (6.0 / length / variance, length / variance, 1.0 / length);
-        (aa, ab, bb) = (aa + weight * a * a, ab + weight * a * b, bb + weight * b * b);
-        (ay, by) = (ay + weight * a, by + weight * b);
-    }
-    let determinant = aa * bb - ab * ab;
-    let (white, walk) = ((ay * bb - by * ab) / determinant, (by * aa - ay * ab) / determinant);
-    let (white, walk) = match (white > 0.0, walk > 0.0) {
-        _ if known.len() < 2 => (known.first().map_or(0.0, |own| own.1 / 6.0), 0.0),
-        (true, true) => (white, walk),
-        (false, _) => (0.0, by / bb),
-        (true, false) => (ay / aa, 0.0),
-    };
-    (white, (walk / block_s).sqrt())
 }
 
 /// Minimum white noise of a channel.
@@ -312,14 +270,6 @@ pub fn falls(
     largest
 }
 
-/// Lowest value of a parabola through three values at equal distances, if it is near them; else the lowest value.
-fn lowest(below: f64, middle: f64, above: f64) -> f64 {
-    let (slope, bend) = (0.5 * (above - below), above - 2.0 * middle + below);
-    let lowest = below.min(middle).min(above);
-    let is_near = bend > 0.0 && (slope / bend).abs() < 3.0;
-    if is_near { lowest.min(middle - 0.5 * slope * slope / bend) } else { lowest }
-}
-
 /// Fits the white noise of one channel.
 pub fn fit_white(
     case: &DiagnosisCase,
@@ -435,28 +385,4 @@ pub fn change_chi2(
         with(common) - with(minimise(common - OWN_RANGE, common + OWN_RANGE, with))
     };
     (0..THIRDS).map(of_third).sum()
-}
-
-/// Position of the minimum of a function, by a grid and golden-section search.
-fn minimise(from: f64, to: f64, of: impl Fn(f64) -> f64) -> f64 {
-    const GRID: usize = 8;
-    let at = |index: usize| from + (to - from) * index as f64 / GRID as f64;
-    let values: Vec<f64> = (0..=GRID).map(|index| of(at(index))).collect();
-    let best = (0..=GRID).min_by(|a, b| values[*a].total_cmp(&values[*b])).unwrap_or(0);
-    let (mut low, mut high) = (at(best.saturating_sub(1)), at((best + 1).min(GRID)));
-    let ratio = 0.618_033_988_749_894_9;
-    let (mut left, mut right) = (high - ratio * (high - low), low + ratio * (high - low));
-    let (mut at_left, mut at_right) = (of(left), of(right));
-    while high - low > 0.01 {
-        if at_left < at_right {
-            (high, right, at_right) = (right, left, at_left);
-            left = high - ratio * (high - low);
-            at_left = of(left);
-        } else {
-            (low, left, at_left) = (left, right, at_right);
-            right = low + ratio * (high - low);
-            at_right = of(right);
-        }
-    }
-    0.5 * (low + high)
 }

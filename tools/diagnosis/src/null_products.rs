@@ -185,9 +185,10 @@ mod tests {
     use geu_recording::ReferenceAttitude;
 
     use crate::diagnosis_case::DiagnosisCase;
-    use crate::measured::{MeasuredData, Shifts};
+    use crate::measured::{MeasuredData, Shifts, TIMING};
     use crate::noise;
     use crate::signature_bank::Variation;
+    use crate::small_motions::SMALL_COUNTS;
     use crate::spots::Spot;
     use crate::sweep::{Swept, sweep};
     use geu_hypothesis::amplitude::STEP;
@@ -273,7 +274,7 @@ mod tests {
             );
             largest
         };
-        let reduced = whole.clone().without_small_motions(&at_rest);
+        let reduced = whole.clone().without_small_motions(&measured, &at_rest, &[SMALL_COUNTS; TIMING]);
         let index = whole.bases.iter().position(|base| base.amplitude.filters_motion()).expect("a lag");
         assert_eq!(largest(&reduced, index), 0.0);
         assert!(largest(&whole, index) > 0.0);

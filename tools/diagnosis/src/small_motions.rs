@@ -15,7 +15,7 @@ use geu_protocol::Gyros;
 
 /// Largest turn within a block of a motion that answers the counts: several roundings.
 pub const SMALL_COUNTS: f64 = 10.0;
-/// The same for a motion that contains the noise of described gyros or of the reference, in its deviations over a block.
+/// Largest turn of a motion that contains the noise of described gyros or of the reference, in standard deviations of that over a block.
 const SMALL_SIGMAS: f64 = 10.0;
 
 /// Turn of each gyro within a block up to which a motion is small, arcsec.

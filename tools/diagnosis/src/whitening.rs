@@ -131,8 +131,8 @@ impl Whitening {
         from: usize,
         series: [&[f64]; COUNT],
     ) -> [Vec<f64>; COUNT] {
-        let blocks = series.iter().map(|own| own.len()).min().unwrap_or(0);
-        let (steps, series) = (filters.map(|own| &own.steps[from..from + blocks]), series.map(|own| &own[..blocks]));
+        let steps = filters.map(|own| own.steps.get(from..).unwrap_or_default());
+        let blocks = std::iter::zip(steps, series).map(|(own, series)| series.len().min(own.len())).min().unwrap_or(0);
         let slow_gains = filters.map(|own| own.slow_gains.get(from..).unwrap_or_default());
         let decays = filters.map(|own| own.decays);
         // What the innovation before leaves in this one, the turn by the rate, and the rounding error.
@@ -330,14 +330,10 @@ mod tests {
                             let square: f64 = white.iter().map(|white| white * white).sum();
                             let product: f64 = white.iter().zip(&other[first..]).map(|(one, other)| one * other).sum();
                             let found = tail.course(lane, block, lead);
-                            assert!(
-                                (found.square - square).abs() < 1e-9 * square.max(1.0),
-                                "{block} {lane}: {found:?} {square}"
-                            );
-                            assert!(
-                                (found.products[0] - product).abs() < 1e-9 * square.max(1.0),
-                                "{found:?} {product}"
-                            );
+                            let off = (found.square - square).abs();
+                            assert!(off < 1e-9 * square.max(1.0), "{block} {lane}: {found:?} {square}");
+                            let off = (found.products[0] - product).abs();
+                            assert!(off < 1e-9 * square.max(1.0), "{found:?} {product}");
                             compared += 1;
                         }
                     }

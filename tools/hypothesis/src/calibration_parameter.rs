@@ -32,7 +32,7 @@ impl CalibrationParameter {
         device.heads.iter().flat_map(of_head).collect()
     }
 
-    /// One of three values, by the kind.
+    /// Selects a value by the kind.
     pub fn of_kind<T>(&self, [scale_factor, drift, projection]: [T; 3]) -> T {
         match self.kind {
             ParameterKind::ScaleFactor => scale_factor,
@@ -68,7 +68,7 @@ impl CalibrationParameter {
     }
 }
 
-/// Two directions perpendicular to the input axis of a head: the control axes where it is along one of them.
+/// Two directions perpendicular to the input axis of a head: control axes, if it is along a control axis.
 fn directions(head: &Head) -> [[f64; 3]; 2] {
     let input = head.axes.input_control;
     let unit = |axis: usize| std::array::from_fn(|other| f64::from(u8::from(other == axis)));

@@ -1,6 +1,6 @@
 //! Reads [`AccumulatedCounts`] of a described unit, in arcsec, from the rows of its decoder.
 //!
-//! A unit of many samples per second has nodes at every few samples, so that a recording has as many nodes as one of the default unit.
+//! A unit of many samples per second has nodes at every few samples, as many in a recording as the default unit has.
 //! The rows of a table keep their own lengths: the angle between their ends is interpolated at the nodes.
 
 use geu_model::device::{Device, Output};
@@ -22,7 +22,7 @@ const MAX_RUNS: usize = 10_000;
 const OUTLIER: f64 = 25.0;
 const SETTLED: u64 = 100;
 /// Distance of rows, in nominal intervals, from which samples are missing between them.
-const APART: f64 = 0.5;
+const MISSING: f64 = 0.5;
 /// Temperature of a unit that sends none, °C.
 const UNKNOWN_C: f64 = 20.0;
 
@@ -36,7 +36,7 @@ pub struct ConstantRun {
     pub samples: u64,
 }
 
-/// What a described unit recorded.
+/// A recording of a described unit.
 #[derive(Debug, Clone)]
 pub struct DeviceRecording {
     /// Angles, arcsec.
@@ -92,7 +92,7 @@ pub struct DeviceCountsReader {
     recording: Extras,
 }
 
-/// What is found in the samples beside their sum.
+/// Findings in the samples, beside their sum.
 #[derive(Debug, Default)]
 struct Extras {
     constant: Vec<ConstantRun>,
@@ -156,7 +156,7 @@ impl DeviceCountsReader {
         let (from, to) = match (self.is_table, start_ns, end_ns, row_start_ns) {
             (true, Some(start_ns), Some(end_ns), Some(row_start_ns)) => {
                 let [from, to] = [row_start_ns, end_ns].map(|t_ns| (t_ns - start_ns) as f64 / interval_ns);
-                let is_beside = row.start.is_none() && from - self.end < APART;
+                let is_beside = row.start.is_none() && from - self.end < MISSING;
                 (if is_beside { self.end } else { from.max(self.end) }, to)
             }
             _ => {
@@ -203,7 +203,7 @@ impl DeviceCountsReader {
         for (from, gyros, kind) in std::mem::take(&mut self.pending) {
             self.nodes.note(from, gyros, kind);
         }
-        let is_even = self.nodes.node % 2 == 0;
+        let is_even = self.nodes.node.is_multiple_of(2);
         if self.nodes.node >= MAX_NODES && is_even && 2.0 * self.per_node as f64 * self.interval_s <= MAX_INTERVAL_S {
             self.per_node *= 2;
             self.nodes.halve();
@@ -213,7 +213,7 @@ impl DeviceCountsReader {
     }
 
     /// Finds outliers and runs of one value in the samples of a gyro.
-    fn look(&mut self, gyro: usize, arcsec: f64) {
+    fn examine(&mut self, gyro: usize, arcsec: f64) {
         let (node, recent) = (self.nodes.node, &mut self.recent[gyro]);
         let [last, before] = recent.values;
         recent.values = [arcsec, last];
@@ -250,7 +250,7 @@ impl DeviceCountsReader {
     pub fn finish(mut self, clock_start_ns: i64) -> Option<DeviceRecording> {
         let (start_ns, _) = self.first?;
         for gyro in 0..self.heads.len() {
-            self.look(gyro, f64::NAN);
+            self.examine(gyro, f64::NAN);
         }
         let interval_s = self.interval_s * self.per_node as f64;
         let start_ns = if self.is_table { start_ns? } else { clock_start_ns };
@@ -272,7 +272,7 @@ impl Sink<DeviceSample> for DeviceCountsReader {
         let Some((from, to)) = self.place(row) else { return };
         let all = self.nodes.gyros();
         let missing = from - self.end;
-        if missing > APART {
+        if missing > MISSING {
             let missing = missing.round() as u64;
             self.recording.missing += missing;
             self.exclude(all, BreakKind::Gap(missing));
@@ -291,12 +291,12 @@ impl Sink<DeviceSample> for DeviceCountsReader {
         };
         let invalid = flagged(BreakKind::Invalid).and(all.filter(|gyro| arcsec[gyro].is_nan()));
         let saturated = flagged(BreakKind::Saturated).and(all.filter(|gyro| arcsec[gyro].abs() >= self.largest_arcsec));
-        for gyro in 0..arcsec.len() {
-            match arcsec[gyro].is_nan() {
-                true => arcsec[gyro] = 0.0,
-                false => self.look(gyro, arcsec[gyro]),
+        for (gyro, arcsec) in arcsec.iter_mut().enumerate() {
+            match arcsec.is_nan() {
+                true => *arcsec = 0.0,
+                false => self.examine(gyro, *arcsec),
             }
-            arcsec[gyro] *= length;
+            *arcsec *= length;
         }
         self.exclude(invalid, BreakKind::Invalid);
         self.exclude(saturated, BreakKind::Saturated);

@@ -153,7 +153,7 @@ impl NodeReader {
         series.for_each(|series| *series = series.iter().copied().step_by(2).collect());
         counts.node_s.truncate(self.node / 2 + 1);
         self.node /= 2;
-        self.times.retain(|time| time.0 % 2 == 0);
+        self.times.retain(|time| time.0.is_multiple_of(2));
         self.times.iter_mut().for_each(|time| time.0 /= 2);
         counts.breaks.iter_mut().for_each(|found| (found.from, found.to) = (found.from / 2, found.to.div_ceil(2)));
         counts.breaks.dedup();
@@ -170,7 +170,7 @@ impl NodeReader {
         self.finish(start_ns)
     }
 
-    /// As [`CountsReader::finish`].
+    /// Dates the nodes, see [`CountsReader::finish`].
     pub fn finish(mut self, clock_start_ns: i64) -> Option<AccumulatedCounts> {
         let first = *self.times.first()?;
         let is_received = self.times.iter().any(|time| time.2);

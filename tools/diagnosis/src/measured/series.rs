@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use geu_model::device::MAX_HEADS;
 
-/// The channel of the receive times, after those of the gyros; a unit with fewer gyros leaves channels empty.
+/// The channel of the receive times, after the gyros; a unit with fewer gyros leaves channels empty.
 pub const TIMING: usize = MAX_HEADS;
 /// Number of channels: the accumulated angles of the gyros, and the ends of their samples.
 pub const CHANNELS: usize = TIMING + 1;

@@ -21,6 +21,7 @@ use nalgebra::{DVector, Matrix3xX, MatrixXx3, UnitQuaternion, Vector3};
 
 use super::reference_sigma::{ReferenceSigma, with_rounding};
 use super::smoothing::{LineSums, Point, REACH_ROWS, REACHES, SHORT_REACHES, without_rounding};
+use super::turns::{accumulated, attitudes, turn};
 use super::{BLOCK, TIMING, nodes};
 
 /// Spacing of rows up to which an exact reference is used as it is, in intervals of the nodes.
@@ -156,32 +157,6 @@ impl SmoothedReference {
         });
         (stated, smoothed)
     }
-}
-
-/// The turn by a rotation vector.
-fn turn(arcsec: Vector3<f64>) -> UnitQuaternion<f64> {
-    UnitQuaternion::from_scaled_axis(arcsec / ARCSEC_PER_RAD)
-}
-
-/// Attitudes, control frame to inertial, from accumulated angles; the first is the origin.
-fn attitudes(angles: &[Vector3<f64>]) -> Vec<UnitQuaternion<f64>> {
-    let mut attitude = UnitQuaternion::identity();
-    let of_node = |node: usize| {
-        attitude *= turn(angles[node] - angles[node.saturating_sub(1)]);
-        attitude
-    };
-    (0..angles.len()).map(of_node).collect()
-}
-
-/// Accumulated angles about the control axes from attitudes.
-fn accumulated(attitudes: impl Iterator<Item = UnitQuaternion<f64>>) -> Vec<Vector3<f64>> {
-    let (mut sum, mut before) = (Vector3::zeros(), None);
-    let of_node = |attitude: UnitQuaternion<f64>| {
-        let last = before.replace(attitude).unwrap_or(attitude);
-        sum += (last.inverse() * attitude).scaled_axis() * ARCSEC_PER_RAD;
-        sum
-    };
-    attitudes.map(of_node).collect()
 }
 
 /// Rows of the reference within the counts, relative to the attitude by the gyros, which equals that of the first row.

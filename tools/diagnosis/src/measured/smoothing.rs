@@ -17,7 +17,7 @@ const TRANSITION: usize = 8;
 /// Reaches of the lines to either side, blocks, of the default unit 30 s to 8 min. A scale factor that is off turns a difference at the start of a slew, so that the shortest
 /// follows it; noise of 3″ each second leaves a rate of 0.02″/s of that, and 0.0003″/s of the longest.
 pub const REACHES: &[f64] = &[6.0, 12.0, 24.0, 48.0, 96.0];
-/// The same beside gyros that are not calibrated yet: a drift or a scale factor that is off turns the difference with every turn of the unit.
+/// Reaches beside gyros that are not calibrated yet: a drift or a scale factor that is off turns the difference with every turn of the unit.
 pub const SHORT_REACHES: &[f64] = &[0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0];
 /// Minimum number of points to either side.
 pub const REACH_ROWS: usize = 4;

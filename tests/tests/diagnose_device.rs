@@ -1,0 +1,84 @@
+//! Diagnosis of described units on recordings of the independent model.
+
+use std::fs;
+use std::process::Output;
+
+use geu_plant::{Case, DeviceEffect, DeviceMotionKind, DevicePlant, DeviceUnit, Mix};
+use geu_tests::geu;
+use serde_json::Value;
+
+/// Exit code and JSON of the diagnosis of a recording of 15 minutes.
+fn diagnosed(unit: &str, seed: u64, motion: DeviceMotionKind, effects: Vec<DeviceEffect>) -> (Option<i32>, Value) {
+    let unit = DeviceUnit::all().into_iter().find(|own| own.name == unit).expect("a unit");
+    let Case { plant, .. } = Case::drawn(&unit, Mix::Effects, seed, 0, Some(motion), Some(900.0));
+    let recording = DevicePlant { effects, ..plant }.record(false);
+    let folder = tempfile::tempdir().expect("a folder");
+    let [link, reference, json] = ["link", "reference.csv", "out.json"].map(|name| folder.path().join(name));
+    fs::write(&link, &recording.link).expect("written");
+    fs::write(&reference, &recording.reference).expect("written");
+    let arguments = ["diagnose", "--device", unit.name, "--no-cache", "--link"];
+    let output: Output = geu()
+        .args(arguments)
+        .arg(&link)
+        .arg("--reference")
+        .arg(&reference)
+        .arg("--json")
+        .arg(&json)
+        .output()
+        .expect("geu starts");
+    let text = fs::read_to_string(&json).unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&output.stderr)));
+    (output.status.code(), serde_json::from_str(&text).expect("JSON"))
+}
+
+/// Codes and gyros of the missing effects.
+fn missing(diagnosis: &Value) -> Vec<(String, Vec<String>)> {
+    let effects = diagnosis["effects"].as_array().expect("effects");
+    let names = |gyros: &Value| -> Vec<String> {
+        let names = gyros.as_array().expect("gyros").iter();
+        names.map(|own| own.as_str().expect("a name").to_owned()).collect()
+    };
+    let is_missing = |effect: &&Value| effect["class"] == "missing-effect";
+    let named = |effect: &Value| (effect["code"].as_str().expect("a code").to_owned(), names(&effect["gyros"]));
+    effects.iter().filter(is_missing).map(named).collect()
+}
+
+fn injected(code: &str, heads: &[usize], parameters: &[(&str, f64)]) -> Vec<DeviceEffect> {
+    vec![DeviceEffect::new(code, heads, parameters).expect("a known effect")]
+}
+
+#[test]
+fn described_units_without_an_effect_are_consistent() {
+    for (unit, motion) in [
+        ("tetrad", DeviceMotionKind::Vehicle),
+        ("stim300", DeviceMotionKind::Hand),
+        ("mm5.10", DeviceMotionKind::Table),
+    ] {
+        let (code, diagnosis) = diagnosed(unit, 71, motion, Vec::new());
+        assert_eq!(missing(&diagnosis), [], "{unit}");
+        assert_eq!((code, &diagnosis["verdict"]), (Some(0), &Value::from("consistent")), "{unit}");
+    }
+}
+
+#[test]
+fn effects_on_heads_of_described_units_are_named() {
+    let step = injected("drift-step", &[1], &[("arcsec_per_h", 2000.0), ("time_s", 400.0)]);
+    let (code, diagnosis) = diagnosed("tetrad", 72, DeviceMotionKind::Table, step);
+    assert_eq!((code, missing(&diagnosis)), (Some(0), vec![("drift-step".to_owned(), vec!["B".to_owned()])]));
+    let late = injected("time-offset", &[], &[("seconds", 0.05)]);
+    let (code, diagnosis) = diagnosed("stim300", 73, DeviceMotionKind::Hand, late);
+    let all = ["X", "Y", "Z"].map(str::to_owned).to_vec();
+    assert_eq!((code, missing(&diagnosis)), (Some(0), vec![("time-offset".to_owned(), all)]));
+    let found = diagnosis["effects"][0]["parameters"]["seconds"]["value"].as_f64().expect("a number");
+    assert!((found - 0.05).abs() < 1e-3, "{found}");
+}
+
+#[test]
+fn exchanged_and_inverted_heads_of_a_described_unit_are_named_and_corrected() {
+    let swap = injected("axis-swap", &[0, 1], &[("on", 1.0)]);
+    let (_, diagnosis) = diagnosed("stim300", 74, DeviceMotionKind::Hand, swap);
+    assert_eq!(missing(&diagnosis), [("axis-swap".to_owned(), vec!["X".to_owned(), "Y".to_owned()])]);
+    let inverted = injected("sign-inversion", &[2], &[("on", 1.0)]);
+    let (_, diagnosis) = diagnosed("stim300", 75, DeviceMotionKind::Hand, inverted);
+    assert_eq!(missing(&diagnosis), [("sign-inversion".to_owned(), vec!["Z".to_owned()])]);
+    assert_eq!(diagnosis["verdict"], "explained");
+}
