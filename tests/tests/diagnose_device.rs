@@ -7,10 +7,16 @@ use geu_plant::{Case, DeviceEffect, DeviceMotionKind, DevicePlant, DeviceUnit, M
 use geu_tests::geu;
 use serde_json::Value;
 
-/// Exit code and JSON of the diagnosis of a recording of 15 minutes.
-fn diagnosed(unit: &str, seed: u64, motion: DeviceMotionKind, effects: Vec<DeviceEffect>) -> (Option<i32>, Value) {
+/// Exit code and JSON of the diagnosis of a recording of `duration_s`.
+fn diagnosed(
+    unit: &str,
+    seed: u64,
+    motion: DeviceMotionKind,
+    duration_s: f64,
+    effects: Vec<DeviceEffect>,
+) -> (Option<i32>, Value) {
     let unit = DeviceUnit::all().into_iter().find(|own| own.name == unit).expect("a unit");
-    let Case { plant, .. } = Case::drawn(&unit, Mix::Effects, seed, 0, Some(motion), Some(900.0));
+    let Case { plant, .. } = Case::drawn(&unit, Mix::Effects, seed, 0, Some(motion), Some(duration_s));
     let recording = DevicePlant { effects, ..plant }.record(false);
     let folder = tempfile::tempdir().expect("a folder");
     let [link, reference, json] = ["link", "reference.csv", "out.json"].map(|name| folder.path().join(name));
@@ -53,7 +59,7 @@ fn described_units_without_an_effect_are_consistent() {
         ("stim300", DeviceMotionKind::Hand),
         ("mm5.10", DeviceMotionKind::Table),
     ] {
-        let (code, diagnosis) = diagnosed(unit, 71, motion, Vec::new());
+        let (code, diagnosis) = diagnosed(unit, 71, motion, 900.0, Vec::new());
         assert_eq!(missing(&diagnosis), [], "{unit}");
         assert_eq!((code, &diagnosis["verdict"]), (Some(0), &Value::from("consistent")), "{unit}");
     }
@@ -61,11 +67,11 @@ fn described_units_without_an_effect_are_consistent() {
 
 #[test]
 fn effects_on_heads_of_described_units_are_named() {
-    let step = injected("drift-step", &[1], &[("arcsec_per_h", 2000.0), ("time_s", 400.0)]);
-    let (code, diagnosis) = diagnosed("tetrad", 72, DeviceMotionKind::Table, step);
+    let step = injected("drift-step", &[1], &[("arcsec_per_h", 2000.0), ("time_s", 180.0)]);
+    let (code, diagnosis) = diagnosed("tetrad", 72, DeviceMotionKind::Table, 420.0, step);
     assert_eq!((code, missing(&diagnosis)), (Some(0), vec![("drift-step".to_owned(), vec!["B".to_owned()])]));
     let late = injected("time-offset", &[], &[("seconds", 0.05)]);
-    let (code, diagnosis) = diagnosed("stim300", 73, DeviceMotionKind::Hand, late);
+    let (code, diagnosis) = diagnosed("stim300", 73, DeviceMotionKind::Hand, 420.0, late);
     let all = ["X", "Y", "Z"].map(str::to_owned).to_vec();
     assert_eq!((code, missing(&diagnosis)), (Some(0), vec![("time-offset".to_owned(), all)]));
     let found = diagnosis["effects"][0]["parameters"]["seconds"]["value"].as_f64().expect("a number");
@@ -75,10 +81,10 @@ fn effects_on_heads_of_described_units_are_named() {
 #[test]
 fn exchanged_and_inverted_heads_of_a_described_unit_are_named_and_corrected() {
     let swap = injected("axis-swap", &[0, 1], &[("on", 1.0)]);
-    let (_, diagnosis) = diagnosed("stim300", 74, DeviceMotionKind::Hand, swap);
+    let (_, diagnosis) = diagnosed("stim300", 74, DeviceMotionKind::Hand, 900.0, swap);
     assert_eq!(missing(&diagnosis), [("axis-swap".to_owned(), vec!["X".to_owned(), "Y".to_owned()])]);
     let inverted = injected("sign-inversion", &[2], &[("on", 1.0)]);
-    let (_, diagnosis) = diagnosed("stim300", 75, DeviceMotionKind::Hand, inverted);
+    let (_, diagnosis) = diagnosed("stim300", 75, DeviceMotionKind::Hand, 900.0, inverted);
     assert_eq!(missing(&diagnosis), [("sign-inversion".to_owned(), vec!["Z".to_owned()])]);
     assert_eq!(diagnosis["verdict"], "explained");
 }

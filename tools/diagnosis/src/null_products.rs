@@ -225,7 +225,7 @@ mod tests {
             std::array::from_fn(|channel| {
                 let value =
                     |block: usize| ((run * 7919 + channel * 104_729 + block * block * 31) % 1009) as f64 - 504.0;
-                (0..blocks).map(value).collect()
+                (0..blocks).filter(|_| channel < 4).map(value).collect()
             })
         };
         let channels = null_channels(&normal, &(0..RUNS).map(drawn).collect::<Vec<_>>());
