@@ -226,7 +226,7 @@ fn what_a_unit_cannot_have_is_refused_with_the_reason() {
     let both = "[[manoeuvre]]\nkind = \"pointing\"\nduration_s = 10\n[[motion]]\nduration_s = 1\n";
     refused(both, &check, "either [[motion]] or [[manoeuvre]]");
     refused(&stim("[gyro.X]\nscale-factor = { ppm = -1000000.0 }\n"), &check, "within ±100000");
-    refused(&stim("[gyro.X]\nmisalignment = { y_arcsec = 3700.0 }\n"), &check, "within ±3600");
+    refused(&stim("[gyro.X]\nmisalignment = { y_arcsec = 206364.0 }\n"), &check, "within ±206264");
     refused(&stim("[[fault]]\nfault = \"axis-swap\"\ngyro = \"X\"\nwith = \"X\"\n"), &check, "its own gyro");
     refused(&stim("[[fault]]\nfault = \"drop\"\nfor_s = 0.0001\n"), &check, "0.0005 s, or more");
     refused("[[fault]]\nfault = \"drop\"\nfor_s = 0.2\n", &check, "0.5 s, or more");
