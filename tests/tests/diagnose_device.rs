@@ -88,3 +88,63 @@ fn exchanged_and_inverted_heads_of_a_described_unit_are_named_and_corrected() {
     assert_eq!(missing(&diagnosis), [("sign-inversion".to_owned(), vec!["Z".to_owned()])]);
     assert_eq!(diagnosis["verdict"], "explained");
 }
+
+/// A unit with a rate and a trial in each row of a table.
+const TABLE: &str = r#"
+[device]
+name = "Rate table"
+source = "a test"
+interval_s = 0.1
+output = "rate"
+range_arcsec_s = 360000.0
+[[device.head]]
+name = "A"
+input = [1.0, 0.0, 0.0]
+[device.table]
+time = { column = "t", unit = "s" }
+group = "trial"
+fields = [{ column = "a", head = "A", unit = "deg/s" }]
+"#;
+
+#[test]
+fn rows_that_are_no_part_of_a_recording_are_counted() {
+    let rate = |row: usize| 5.0 * (row as f64 / 40.0).sin();
+    let (mut rows, mut reference) =
+        ("t,trial,a\n".to_owned(), "t_s,rate_x_deg_s,rate_y_deg_s,rate_z_deg_s\n".to_owned());
+    for row in 1..7000 {
+        // Two gaps, each of which alone a recording may have.
+        let t_s = match row {
+            5500..6000 => row as f64 * 0.1 + 1e5,
+            6000..6300 => row as f64 * 0.1 + 2e5,
+            _ => row as f64 * 0.1,
+        };
+        let trial = if row < 6400 { 1 } else { 2 };
+        rows.push_str(&format!("{t_s:.1},{trial},{}\n", rate(row)));
+        reference.push_str(&format!("{:.1},{},0,0\n", (row - 1) as f64 * 0.1, rate(row)));
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, text: &str| {
+        let file = folder.path().join(name);
+        fs::write(&file, text).expect("written");
+        file
+    };
+    let json = folder.path().join("out.json");
+    let output = geu()
+        .args(["diagnose", "--no-cache", "--device"])
+        .arg(write("unit.toml", TABLE))
+        .arg("--link")
+        .arg(write("link.csv", &rows))
+        .arg("--reference")
+        .arg(write("reference.csv", &reference))
+        .arg("--json")
+        .arg(&json)
+        .output()
+        .expect("geu starts");
+    let text = fs::read_to_string(&json).unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&output.stderr)));
+    let diagnosis: Value = serde_json::from_str(&text).expect("JSON");
+    let findings = diagnosis["findings"].as_array().expect("findings");
+    let left_out = findings.iter().filter(|own| own["kind"] == "rows-left-out");
+    let counts: Vec<&str> =
+        left_out.map(|own| own["text"].as_str().expect("a text").split(' ').next().expect("a count")).collect();
+    assert_eq!(counts, ["100", "600", "300"], "{findings:?}");
+}

@@ -6,7 +6,7 @@
 mod device_reader;
 mod reader;
 
-pub use device_reader::{ConstantRun, DeviceCountsReader, DeviceRecording};
+pub use device_reader::{ConstantRun, DeviceCountsReader, DeviceRecording, RowsLeftOut};
 use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::field::{GYRO_FLAGS, unit_flag};
 use geu_protocol::{Gyro, Gyros, Sample};

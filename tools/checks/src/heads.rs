@@ -77,18 +77,25 @@ pub fn check_heads(
 
 /// Findings of the samples alone.
 fn samples(recording: &DeviceRecording) -> Vec<Finding> {
-    let DeviceRecording { counts, samples, missing, defects, outliers, .. } = recording;
+    let DeviceRecording { counts, samples, missing, defects, outliers, left_out, .. } = recording;
     let whole = |kind: &str, text: String| Finding { kind: kind.to_owned(), place: "the recording".to_owned(), text };
     let share = 100.0 * *missing as f64 / (samples + missing).max(1) as f64;
     let missing = (*missing > 0)
         .then(|| whole("samples-lost", format!("{missing} samples are missing, {share:.2} % of all: left out")));
     let defects = (*defects > 0).then(|| whole("defects", format!("{defects} in the input; `geu decode` lists them")));
+    let rows = [
+        (left_out.repeated, "are at the time of an earlier row or before it"),
+        (left_out.of_other_trials, "belong to other trials than the first, whose times are their own"),
+        (left_out.after_gap, "come after a longer gap than a recording may have (split it there)"),
+    ];
+    let left_out = rows.into_iter().filter(|(count, _)| *count > 0);
+    let left_out = left_out.map(|(count, reason)| whole("rows-left-out", format!("{count} rows {reason}: left out")));
     let outlier = |gyro: Gyro| {
         let count = outliers[gyro.index()];
         let text = format!("{count} samples are far from their neighbours: left out");
         (count > 0).then(|| Finding { kind: "outliers".to_owned(), place: gyro.name().to_owned(), text })
     };
-    missing.into_iter().chain(defects).chain(counts.gyros.gyros().filter_map(outlier)).collect()
+    missing.into_iter().chain(defects).chain(left_out).chain(counts.gyros.gyros().filter_map(outlier)).collect()
 }
 
 /// Turn of the reference up to each node, where it covers it.

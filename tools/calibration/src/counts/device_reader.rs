@@ -49,6 +49,18 @@ pub struct DeviceRecording {
     pub samples: u64,
     pub missing: u64,
     pub defects: u64,
+    pub left_out: RowsLeftOut,
+}
+
+/// Number of rows that are no part of the recording.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct RowsLeftOut {
+    /// At the time of an earlier row, or before it.
+    pub repeated: u64,
+    /// Of other trials than the first.
+    pub of_other_trials: u64,
+    /// After more missing samples than a recording may have.
+    pub after_gap: u64,
 }
 
 /// The last samples of one gyro.
@@ -100,6 +112,7 @@ struct Extras {
     samples: u64,
     missing: u64,
     defects: u64,
+    left_out: RowsLeftOut,
 }
 
 impl DeviceCountsReader {
@@ -151,11 +164,12 @@ impl DeviceCountsReader {
     fn place(&mut self, row: &DeviceSample) -> Option<(f64, f64)> {
         let interval_ns = self.interval_s * 1e9;
         let end_ns = row.time.map(|time| time.t_ns);
-        let row_start_ns = row.start.map(|time| time.t_ns).or(end_ns.map(|end_ns| end_ns - interval_ns as i64));
+        let row_start_ns =
+            row.start.map(|time| time.t_ns).or(end_ns.map(|end_ns| end_ns.saturating_sub(interval_ns as i64)));
         let (start_ns, number) = *self.first.get_or_insert((row_start_ns, row.number));
         let (from, to) = match (self.is_table, start_ns, end_ns, row_start_ns) {
             (true, Some(start_ns), Some(end_ns), Some(row_start_ns)) => {
-                let [from, to] = [row_start_ns, end_ns].map(|t_ns| (t_ns - start_ns) as f64 / interval_ns);
+                let [from, to] = [row_start_ns, end_ns].map(|t_ns| t_ns.saturating_sub(start_ns) as f64 / interval_ns);
                 let is_beside = row.start.is_none() && from - self.end < MISSING;
                 (if is_beside { self.end } else { from.max(self.end) }, to)
             }
@@ -255,10 +269,11 @@ impl DeviceCountsReader {
         let interval_s = self.interval_s * self.per_node as f64;
         let start_ns = if self.is_table { start_ns? } else { clock_start_ns };
         let counts = self.nodes.finish_at(interval_s, start_ns)?;
-        let Extras { constant, outliers, samples, missing, defects } = self.recording;
+        let Extras { constant, outliers, samples, missing, defects, left_out } = self.recording;
         let nodes = counts.node_s.len() - 1;
         let constant = constant.into_iter().map(|run| ConstantRun { to: run.to.min(nodes), ..run }).collect();
-        Some(DeviceRecording { counts, samples_per_node: self.per_node, constant, outliers, samples, missing, defects })
+        let samples_per_node = self.per_node;
+        Some(DeviceRecording { counts, samples_per_node, constant, outliers, samples, missing, defects, left_out })
     }
 }
 
@@ -266,20 +281,25 @@ impl Sink<DeviceSample> for DeviceCountsReader {
     fn row(&mut self, row: &DeviceSample) {
         if self.first.is_some() && row.group != self.group {
             // A trial has times of its own; one recording is one trial.
+            self.recording.left_out.of_other_trials += 1;
             return;
         }
         row.group.clone_into(&mut self.group);
-        let Some((from, to)) = self.place(row) else { return };
+        let Some((from, to)) = self.place(row) else {
+            self.recording.left_out.repeated += 1;
+            return;
+        };
         let all = self.nodes.gyros();
         let missing = from - self.end;
         if missing > MISSING {
             let missing = missing.round() as u64;
+            if missing > MAX_MISSING - self.recording.missing {
+                self.recording.left_out.after_gap += 1;
+                return;
+            }
             self.recording.missing += missing;
             self.exclude(all, BreakKind::Gap(missing));
-            match missing <= MAX_MISSING {
-                true => self.advance(self.end, from, &vec![0.0; self.heads.len()], row),
-                false => return,
-            }
+            self.advance(self.end, from, &vec![0.0; self.heads.len()], row);
             self.exclude(all, BreakKind::Gap(missing));
         }
         self.recording.samples += 1;

@@ -26,7 +26,7 @@
 //! let mut counts = AccumulatedCounts::starting_at(0);
 //! // 100 s at 10″/s about Z.
 //! for sample in 1..=200 {
-//!     counts.push(f64::from(sample) * 0.5, [0.0, 0.0, 5.0, 5.0], 20.0);
+//!     counts.push(f64::from(sample) * 0.5, &[0.0, 0.0, 5.0, 5.0], 20.0);
 //! }
 //! let start = AttitudeFix::star(0.0, 90.0, 0.0, 0.5);
 //! let result = reconstruct(&counts, &[Calibration::default(); 4], GyroSet::WithZa, &FilterNoise::PAPER, &[start]).unwrap();
