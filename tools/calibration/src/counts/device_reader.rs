@@ -55,11 +55,11 @@ pub struct DeviceRecording {
 /// Number of rows that are no part of the recording.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct RowsLeftOut {
-    /// At the time of an earlier row, or before it.
+    /// Rows at the time of an earlier row, or before it.
     pub repeated: u64,
-    /// Of other trials than the first.
+    /// Rows of other trials than the first.
     pub of_other_trials: u64,
-    /// After more missing samples than a recording may have.
+    /// Rows after more missing samples than a recording may have.
     pub after_gap: u64,
 }
 
