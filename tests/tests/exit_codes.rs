@@ -97,7 +97,7 @@ fn a_missing_input_exits_2() {
             "reconstruct --link none.log --fss rec/fss.csv --sse rec/sse.csv",
             "diagnose --link none.log --reference rec/reference.csv",
             "diagnose --link rec/link.log --reference none.csv",
-            "diagnose --gyro-csv none.toml --link none.csv --reference none.csv",
+            "diagnose --device none.toml --link none.csv --reference none.csv",
             "blind score --key none.toml --json none.json",
             "blind hide --config none.toml --seed 1 --out new",
             "checkout --config none.toml",

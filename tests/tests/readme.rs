@@ -25,7 +25,7 @@ const SKIPPED: [(&str, &str); 15] = [
     ("cansend ", "needs a CAN interface; tests/vcan has one"),
     ("geu replay day/link.log --can", "needs a CAN interface; tests/vcan has one"),
     ("geu replay trace.pcap --base 300 --can", "needs a CAN interface; tests/vcan has one"),
-    ("geu diagnose --gyro-csv", "needs telemetry of another gyro; tests/diagnose_rates.rs has some"),
+    ("geu diagnose --device suchai3", "needs telemetry of another gyro; tests/diagnose_magnitudes.rs has some"),
     // Each of these is minutes of computing in the test profile.
     ("geu checkout --precautions", "takes too long; tools/calibration/tests/checkout.rs does it"),
     ("geu checkout --runs", "takes too long; tools/calibration/tests/checkout.rs does it"),

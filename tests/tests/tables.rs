@@ -32,6 +32,12 @@ fields = [
   { column = "a", head = "A", unit = "deg/s" },
   { column = "temp", head = "A", of = "temperature", offset = 1.0 },
 ]
+
+[device.table.reference]
+group = "day"
+magnitude = { column = "m", unit = "rad/s" }
+rates.A = { column = "wa", unit = "deg/h" }
+rates.B = { column = "wb", unit = "arcsec/s" }
 "#;
 
 /// Standard output, standard error and exit code of `geu decode`.
@@ -162,13 +168,27 @@ fn a_table_without_the_columns_is_refused() {
     assert!(message.contains(expected), "{message}");
     for (from, to, part) in [
         ("time = {", "times = {", "did you mean `time`?"),
-        ("time = { column = \"to [ms]\", unit = \"ms\" }", "", "expected `time`, { column = TEXT, unit = UNIT }"),
+        (
+            "time = { column = \"to [ms]\", unit = \"ms\" }",
+            "",
+            "expected `device.table.time`, { column = TEXT, unit = UNIT }",
+        ),
         ("unit = \"ms\" }\nstart", "unit = \"h\" }\nstart", "of s, ms, us, ns"),
         ("column = \"a\", ", "", "expected a text for `device.table.fields.1.column`, got nothing"),
         ("delimiter = \";\"", "delimiter = \"x\"", "device.table.delimiter"),
         ("head = \"A\", unit", "head = \"B\", unit", "expected the unit of the other field, for the column B_rad_s"),
         ("unit = \"deg/s\" }", "unit = \"deg/s\", type = \"i8\", scale = 0.01 }", "the range of the unit"),
         ("[device.table]", "[device.tables]", "did you mean `table`?"),
+        ("reference]", "refrence]", "did you mean `reference`?"),
+        ("group = \"day\"", "groups = \"day\"", "did you mean `group`?"),
+        (
+            "magnitude = { column = \"m\", unit = \"rad/s\" }",
+            "",
+            "expected `device.table.reference.magnitude`, { column = TEXT",
+        ),
+        ("unit = \"rad/s\" }\nrates", "unit = \"rad\" }\nrates", "did you mean `rad/s`?"),
+        ("rates.A = { column = \"wa\", unit = \"deg/h\" }\n", "", "expected `device.table.reference.rates.A`"),
+        ("rates.B", "rates.C", "expected one of: A, B"),
     ] {
         fs::write(&device, DESCRIPTION.replace(from, to)).expect("written");
         let output = geu().args(["device", "check"]).arg(&device).output().expect("geu starts");

@@ -204,6 +204,10 @@ fn columns(table: &TableWire) -> String {
     for (field, column) in table.frames.frames[0].fields.iter().zip(&table.columns) {
         line(column, format!("{} = {}", table.frames.values[field.slot].name, field.formula()));
     }
+    if let Some(reference) = &table.reference {
+        let titles = reference.titles().map(String::as_str).collect::<Vec<_>>().join(", ");
+        _ = writeln!(text, "\n{:<10} windows with the columns {titles}", "reference");
+    }
     text
 }
 

@@ -10,18 +10,18 @@ use geu_diagnosis::{DiagnosisOptions, Thresholds, Verdict, diagnose_device, diag
 use geu_model::Configuration;
 use geu_protocol::CanIdMap;
 use geu_protocol::capture::{RecordPosition, Timestamp};
-use geu_recording::{Defect, DefectKind, ReceivedSample, ReferenceAttitude, Sink, read_text};
+use geu_recording::{Defect, DefectKind, ReceivedSample, Reference, Sink, read_text};
 use geu_report::diagnosis::{DiagnosisPage, text};
 use indicatif::ProgressBar;
 
 use crate::calibrate::{read_device, read_recordings};
 use crate::command_error::{CommandError, note, say};
-use crate::diagnose_rates::{self, RatesArguments};
+use crate::diagnose_magnitudes;
 use crate::outputs::OutputFile;
 use crate::settings::{ConfigArgs, EvaluationArgs, NamedConfigArgs};
 
 /// Defects of a recording that are listed; further ones are counted.
-const MAX_DEFECTS: usize = 100_000;
+pub const MAX_DEFECTS: usize = 100_000;
 
 /// Finds the effect that is missing in the model, adds it to the model and reports the reduction of the residual.
 ///
@@ -31,18 +31,14 @@ pub struct Arguments {
     #[command(flatten)]
     unit: NamedConfigArgs,
     /// Unit of the recording: a name of `geu device list`, or a description
-    #[arg(long, value_name = "NAME|FILE")]
+    #[arg(long, alias = "gyro-csv", value_name = "NAME|FILE")]
     device: Option<String>,
     /// Recording of the link, CAN or serial; several are one stream
-    #[arg(long, required_unless_present = "gyro_csv", num_args = 1.., value_name = "FILE")]
+    #[arg(long, required = true, num_args = 1.., value_name = "FILE")]
     link: Vec<String>,
-    /// Reference attitude: reference.csv or a CCSDS attitude ephemeris
+    /// Reference attitude: reference.csv or a CCSDS attitude ephemeris; with --device also magnitudes of the rate
     #[arg(long, value_name = "FILE")]
     reference: String,
-    /// Read plain CSV of any gyros instead; this file describes it: columns, units, interval, reference (example:
-    /// configs/suchai3.toml). --reference is then a CSV with t_s and rate_arcsec_s or rate_x_arcsec_s…, or the described table
-    #[arg(long, value_name = "DESCRIPTION", conflicts_with_all = ["config", "overrides", "manoeuvres", "start", "base", "html", "out", "next_manoeuvre"])]
-    gyro_csv: Option<PathBuf>,
     #[command(flatten)]
     evaluation: EvaluationArgs,
     /// Write the configuration with the found effects, its comments kept
@@ -56,7 +52,7 @@ pub struct Arguments {
     #[arg(long, default_value_t = 1, value_parser = crate::settings::seed)]
     seed: u64,
     /// Print the whole chain of reasoning: all alternatives, tests and places of the residual
-    #[arg(long, conflicts_with = "gyro_csv")]
+    #[arg(long)]
     verbose: bool,
     /// Compute the thresholds again, without the cache directory
     #[arg(long)]
@@ -68,20 +64,19 @@ pub struct Arguments {
 /// # Errors
 /// An input cannot be read, results cannot be written; exit 3 if the residual is not explained.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
-    if let Some(gyro_csv) = &arguments.gyro_csv {
-        return diagnose_rates::run(&RatesArguments {
-            gyro_csv,
-            link: &arguments.link,
-            reference: &arguments.reference,
-            seed: arguments.seed,
-            json: arguments.evaluation.json.as_ref(),
-        });
-    }
     let settings = ConfigArgs { device: arguments.device.clone(), ..ConfigArgs::from(&arguments.unit) };
     let mut nominal = settings.read_of_any()?;
     // Prescribed rates are of a run; here the unit alone counts.
     nominal.motion.clear();
-    let reference = ReferenceAttitude::read_with_gaps(&arguments.reference).map_err(CommandError::input)?;
+    let reference = match Reference::read(&arguments.reference, &nominal.device).map_err(CommandError::input)? {
+        Reference::Attitude(reference) => reference,
+        Reference::Magnitudes(rows) => {
+            arguments.verify_magnitudes()?;
+            let (device, json) = (&nominal.device, arguments.evaluation.json.as_ref());
+            let names = (&arguments.link[..], arguments.reference.as_str());
+            return diagnose_magnitudes::run(device, names, &rows, arguments.seed, json);
+        }
+    };
     let windows = arguments.evaluation.windows()?;
     let bar = ProgressBar::new_spinner();
     bar.enable_steady_tick(Duration::from_millis(200));
@@ -140,6 +135,37 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         return Err(first);
     }
     if diagnosis.verdict == Verdict::Unexplained { Err(CommandError::unexplained()) } else { Ok(()) }
+}
+
+impl Arguments {
+    /// Refuses options that have no meaning with a reference of magnitudes.
+    ///
+    /// # Errors
+    /// There are such options.
+    fn verify_magnitudes(&self) -> Result<(), CommandError> {
+        let Arguments { unit, evaluation, .. } = self;
+        let given = [
+            ("--config", unit.config.is_some()),
+            ("--set", !unit.overrides.is_empty()),
+            ("--manoeuvres", evaluation.manoeuvres.is_some()),
+            ("--start", evaluation.start.is_some()),
+            ("--base", evaluation.base.is_some()),
+            ("--html", evaluation.html.is_some()),
+            ("--out", self.out.is_some()),
+            ("--next-manoeuvre", self.next_manoeuvre.is_some()),
+            ("--verbose", self.verbose),
+        ];
+        let given: Vec<&str> = given.into_iter().filter(|(_, is_given)| *is_given).map(|(name, _)| name).collect();
+        match given.is_empty() {
+            true => Ok(()),
+            false => Err(CommandError::input(format!(
+                "{}: a reference of magnitudes: expected a command without {}, got {}; these need rates, turns or attitudes",
+                self.reference,
+                if given.len() == 1 { "this option" } else { "these options" },
+                given.join(", ")
+            ))),
+        }
+    }
 }
 
 /// The configuration with the scenario that separates an effect from an alternative; `None` if no manoeuvre does.

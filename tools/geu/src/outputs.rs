@@ -160,7 +160,7 @@ mod tests {
     use super::*;
 
     /// Options that name a path that is read, or is not a result. A new option of this kind is added here.
-    const NO_OUTPUTS: [&str; 41] = [
+    const NO_OUTPUTS: [&str; 40] = [
         "blind campaign --config",
         "blind hide --config",
         "blind score --config",
@@ -179,7 +179,6 @@ mod tests {
         "config show config",
         "device check file",
         "diagnose --config",
-        "diagnose --gyro-csv",
         "diagnose --link",
         "diagnose --manoeuvres",
         "diagnose --reference",

@@ -40,10 +40,10 @@ pub struct ConfigArgs {
 pub struct NamedConfigArgs {
     /// Prior configuration of the unit [default: the reference unit]
     #[arg(long, value_name = "CONFIG")]
-    config: Option<PathBuf>,
+    pub config: Option<PathBuf>,
     /// Override a value of the configuration
     #[arg(long = "set", value_name = "PATH=VALUE")]
-    overrides: Vec<String>,
+    pub overrides: Vec<String>,
 }
 
 impl From<&NamedConfigArgs> for ConfigArgs {
@@ -108,10 +108,10 @@ pub fn read_text(path: &Path, expected: &str) -> Result<String, CommandError> {
 pub struct EvaluationArgs {
     /// Manoeuvres, CSV with the columns manoeuvre,start_s,end_s [default: cut where the motion changes]
     #[arg(long, value_name = "FILE")]
-    manoeuvres: Option<String>,
+    pub manoeuvres: Option<String>,
     /// Time at which the unit's clock was 0, for recordings without receive times [default: start of the attitude data]
     #[arg(long, value_name = "UNIX_SECONDS", allow_negative_numbers = true, value_parser = start)]
-    start: Option<f64>,
+    pub start: Option<f64>,
     /// Base of the CAN identifiers, hexadecimal
     #[arg(long, value_name = "ID", value_parser = can_base)]
     pub base: Option<CanIdMap>,

@@ -110,7 +110,7 @@ pub struct Diagnosis {
     pub groups: Vec<GroupResidual>,
     /// Observability of biases and scale; `None` if any has no signature in the windows.
     pub observability: Option<Observability>,
-    /// True if the correlation of a channel is the largest allowed: slower noise is not distinguishable from an offset.
+    /// True if the correlation is the largest allowed: slower noise is not distinguishable from an offset.
     pub is_slow: bool,
     /// The windows, as they were grouped.
     pub windows: Windows,
@@ -119,7 +119,7 @@ pub struct Diagnosis {
 /// Finds the errors that explain the windows. `seed` is that of the noise that determines the thresholds.
 ///
 /// # Errors
-/// Too few gyros or windows.
+/// Too few windows.
 pub fn diagnose(windows: &Windows, seed: u64) -> Result<Diagnosis, RatesError> {
     let windows = windows.cut(PARTS);
     windows.check(MIN_SPARE)?;
@@ -215,7 +215,7 @@ fn report(windows: Windows, within: Noise, threshold: f64, accepted: Fit, search
             held_out_arcsec_s: held_out.as_ref().map(|held_out| held_out.rms[group]),
         }
     });
-    let rows = windows.residuals() as f64;
+    let rows = windows.all().len() as f64;
     let residual = |fit: &Fit| {
         let left = fit.residual(&windows);
         let spare = (rows - fit.set.len() as f64).max(1.0);
@@ -244,7 +244,7 @@ fn report(windows: Windows, within: Noise, threshold: f64, accepted: Fit, search
         }),
         groups: groups.collect(),
         observability: observability(&windows, weight, &fitted),
-        is_slow: noise.channels.iter().any(|channel| channel.correlation > max_correlation(&windows) - 1e-9),
+        is_slow: noise.correlation > max_correlation(&windows) - 1e-9,
         noise,
         windows,
     }
@@ -311,12 +311,7 @@ fn offsets_gain(windows: &Windows, noise: &Noise, fitted: &Fit) -> f64 {
 
 /// The noise between groups with which the group means are as large as expected (Paule and Mandel).
 fn with_between(windows: &Windows, within: &Noise, fitted: &Fit) -> Noise {
-    let with = |size: f64| {
-        let mut noise = within.clone();
-        // The same ratio to the noise of each channel.
-        noise.channels.iter_mut().for_each(|channel| channel.between_arcsec_s = size * channel.sigma_arcsec_s);
-        noise
-    };
+    let with = |size: f64| Noise { between_arcsec_s: size * within.sigma_arcsec_s, ..*within };
     let offsets: DMatrix<f64> = Noise::offsets(windows);
     let expected = offsets.ncols().saturating_sub(fitted.set.len()).max(1) as f64;
     let places: Vec<usize> = (0..offsets.ncols()).collect();
@@ -324,7 +319,7 @@ fn with_between(windows: &Windows, within: &Noise, fitted: &Fit) -> Noise {
     let is_above = |size: f64| Products::new(windows, &with(size), &offsets, &left).gain(&places) > expected;
     let (mut low, mut high) = (0.0, 1.0);
     if !is_above(low) {
-        return within.clone();
+        return *within;
     }
     while is_above(high) && high < MAX_BETWEEN {
         high *= 2.0;

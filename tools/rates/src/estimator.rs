@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::fit::Fit;
-use crate::noise::{ChannelNoise, Noise, decorrelated, max_correlation, segments};
+use crate::noise::{Noise, decorrelated, max_correlation};
 use crate::windows::Windows;
 
 /// Trial correlations of neighbours: from this one to the largest allowed, in equal steps.
@@ -16,11 +16,7 @@ const MIN_REMAINDER: f64 = 1e-6;
 
 /// Estimates the noise of residuals near one solution.
 pub(crate) struct Estimator {
-    channels: Vec<ChannelEstimator>,
-}
-
-struct ChannelEstimator {
-    /// Rows of each group.
+    /// Windows of each group.
     groups: Vec<Vec<usize>>,
     trials: Vec<Trial>,
 }
@@ -37,42 +33,31 @@ impl Estimator {
     /// With the errors linearised about a solution.
     pub(crate) fn new(windows: &Windows, about: &Fit) -> Estimator {
         let (_, slope) = about.linearised(windows, &windows.parameters());
-        let max = max_correlation(windows);
-        let estimator = |channel: usize| {
-            let own = segments(windows).into_iter().filter(|segment| segment.0 == channel);
-            let groups: Vec<Vec<usize>> = own.map(|(_, rows)| rows).collect();
-            let rows = groups.concat();
-            let offset = |group: usize| {
-                let own = groups.iter().enumerate();
-                own.flat_map(|(index, rows)| vec![f64::from(u8::from(index == group)); rows.len()]).collect::<Vec<_>>()
-            };
-            let error = |column: usize| rows.iter().map(|row| slope[(*row, column)]).collect();
-            let mut columns: Vec<DVector<f64>> =
-                (0..groups.len()).map(offset).chain((0..slope.ncols()).map(error)).map(DVector::from_vec).collect();
-            let mut is_kept = orthonormal(&columns, MIN_REMAINDER).is_kept.into_iter();
-            columns.retain(|_| is_kept.next() == Some(true));
-            let trials = (0..=CORRELATION_STEPS).map(|step| {
-                let share = step as f64 / CORRELATION_STEPS as f64;
-                let correlation = MIN_CORRELATION + (max - MIN_CORRELATION) * share;
-                let white: Vec<_> =
-                    columns.iter().map(|column| decorrelated_groups(&groups, column.as_slice(), correlation)).collect();
-                let Orthonormal { basis, log_norms, .. } = orthonormal(&white, 0.0);
-                let spread = (rows.len() - groups.len()) as f64 * (1.0 - correlation * correlation).ln();
-                Trial { correlation, basis, log_determinant: spread + 2.0 * log_norms }
-            });
-            ChannelEstimator { trials: trials.collect(), groups }
+        let (groups, max) = (windows.by_group(), max_correlation(windows));
+        let rows = groups.concat();
+        let offset = |group: usize| {
+            let own = groups.iter().enumerate();
+            own.flat_map(|(index, rows)| vec![f64::from(u8::from(index == group)); rows.len()]).collect::<Vec<_>>()
         };
-        Estimator { channels: (0..windows.channels()).map(estimator).collect() }
+        let error = |column: usize| rows.iter().map(|row| slope[(*row, column)]).collect();
+        let mut columns: Vec<DVector<f64>> =
+            (0..groups.len()).map(offset).chain((0..slope.ncols()).map(error)).map(DVector::from_vec).collect();
+        let mut is_kept = orthonormal(&columns, MIN_REMAINDER).is_kept.into_iter();
+        columns.retain(|_| is_kept.next() == Some(true));
+        let trials = (0..=CORRELATION_STEPS).map(|step| {
+            let share = step as f64 / CORRELATION_STEPS as f64;
+            let correlation = MIN_CORRELATION + (max - MIN_CORRELATION) * share;
+            let white: Vec<_> =
+                columns.iter().map(|column| decorrelated_groups(&groups, column.as_slice(), correlation)).collect();
+            let Orthonormal { basis, log_norms, .. } = orthonormal(&white, 0.0);
+            let spread = (rows.len() - groups.len()) as f64 * (1.0 - correlation * correlation).ln();
+            Trial { correlation, basis, log_determinant: spread + 2.0 * log_norms }
+        });
+        Estimator { trials: trials.collect(), groups }
     }
 
     /// The noise of maximum likelihood.
     pub(crate) fn estimate(&self, residual: &DVector<f64>) -> Noise {
-        Noise { channels: self.channels.iter().map(|channel| channel.estimate(residual)).collect() }
-    }
-}
-
-impl ChannelEstimator {
-    fn estimate(&self, residual: &DVector<f64>) -> ChannelNoise {
         let values: Vec<f64> = self.groups.iter().flatten().map(|row| residual[*row]).collect();
         let noise = |trial: &Trial| {
             let white = decorrelated_groups(&self.groups, &values, trial.correlation);
@@ -80,7 +65,7 @@ impl ChannelEstimator {
             let left = white.norm_squared() - trial.basis.tr_mul(&white).norm_squared();
             let sigma_arcsec_s = (left.max(0.0) / spare).sqrt().max(MIN_SIGMA_ARCSEC_S);
             let deviance = 2.0 * spare * sigma_arcsec_s.ln() + trial.log_determinant;
-            (deviance, ChannelNoise { sigma_arcsec_s, correlation: trial.correlation, between_arcsec_s: 0.0 })
+            (deviance, Noise { sigma_arcsec_s, correlation: trial.correlation, between_arcsec_s: 0.0 })
         };
         let trials = self.trials.iter().map(noise);
         trials.min_by(|one, other| one.0.total_cmp(&other.0)).expect("thirteen correlations").1
@@ -135,11 +120,10 @@ mod tests {
     #[test]
     fn noise_within_groups_is_estimated_despite_offsets_of_groups() {
         let windows = windows(4, 200);
-        let noise =
-            Noise { channels: vec![ChannelNoise { sigma_arcsec_s: 3.0, correlation: 0.6, between_arcsec_s: 50.0 }] };
+        let noise = Noise { sigma_arcsec_s: 3.0, correlation: 0.6, between_arcsec_s: 50.0 };
         let mut stream = NoiseStream::of_sensor(2, "test");
         let drawn = noise.draw(&windows, || stream.standard_normal());
-        let found = Estimator::new(&windows, &Fit::none()).estimate(&drawn).channels[0];
+        let found = Estimator::new(&windows, &Fit::none()).estimate(&drawn);
         assert!((found.sigma_arcsec_s - 3.0).abs() < 0.4, "{found:?}");
         assert!((found.correlation - 0.6).abs() < 0.11, "{found:?}");
     }

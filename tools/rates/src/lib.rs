@@ -1,21 +1,21 @@
-//! Rates of any gyros against an independent rate: the biases and scale errors that explain the difference, and their
-//! observability.
+//! Rates of three perpendicular gyros against an independent magnitude of the rate: the biases and scale errors that explain the
+//! difference, and their observability.
 //!
-//! The data are windows, each with the mean rate of every gyro and the reference: the magnitude of the rate, or its
-//! vector. A gyro measures (1 + scale)(1 + own scale) × rate + bias. Windows belong to groups (days, recordings). Noise is
+//! The data are windows, each with the mean rate of every gyro and the magnitude. A gyro measures (1 + scale)(1 + own scale) × rate + bias. Windows belong to groups (days, recordings). Noise is
 //! the residual after the group means and all errors are projected out ([`Noise`]); the errors have to explain differences
 //! between groups, and an error is accepted only if, fitted without a group, it predicts that group ([`diagnose`]).
 //!
 //! ```
-//! use geu_rates::{Gyro, Parameter, Reference, Windows, diagnose};
-//! let gyros = ["X", "Y", "Z"].iter().enumerate().map(|(axis, name)| Gyro { name: name.to_string(), axis });
-//! let mut windows = Windows::new(gyros.collect(), ["spin", "turn", "reverse"].map(String::from).to_vec());
+//! use geu_rates::{Gyro, Parameter, Windows, diagnose};
+//! let gyros = ["X", "Y", "Z"].into_iter().zip([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+//! let gyros = gyros.map(|(name, input)| Gyro { name: name.to_owned(), input });
+//! let mut windows = Windows::new(gyros.collect()).unwrap();
 //! for index in 0..60 {
 //!     let spin = [[40.0, 3.0, -9.0], [5.0, 40.0, 30.0], [-4.0, 9.0, -40.0]][index / 20];
 //!     let noise = [0.3, -0.1, -0.4, 0.2, 0.1, -0.2, 0.1][index % 7];
 //!     let measured = [spin[0] + 5.0, spin[1], spin[2]];
 //!     let magnitude = spin.iter().map(|rate| rate * rate).sum::<f64>().sqrt();
-//!     windows.push(index / 20, &measured, Reference::Magnitude(magnitude + noise)).unwrap();
+//!     windows.push(["spin", "turn", "reverse"][index / 20], &measured, magnitude + noise);
 //! }
 //! let found = diagnose(&windows, 1).unwrap();
 //! assert_eq!(found.errors[0].parameter, Parameter::Bias(0));
@@ -36,6 +36,6 @@ mod windows;
 pub use diagnosis::{Diagnosis, GroupResidual, RateAlternative, RateError, RateResidual, diagnose};
 pub use geu_diagnosis::Verdict;
 pub use model::Parameter;
-pub use noise::{ChannelNoise, Noise};
+pub use noise::Noise;
 pub use observability::{CandidateSpin, Observability};
-pub use windows::{Gyro, RatesError, Reference, Window, Windows};
+pub use windows::{Gyro, RatesError, Window, Windows};

@@ -1,8 +1,8 @@
-//! Rates of gyros with errors, and the residual against the reference.
+//! Rates of gyros with errors, and the residual of their magnitude.
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::windows::{Gyro, RatesError, Reference, Windows};
+use crate::windows::Windows;
 
 /// An error of the gyros; its value is a rate in arcsec/s or a fraction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -63,33 +63,13 @@ impl Windows {
     /// The errors that are searched.
     pub fn parameters(&self) -> Vec<Parameter> {
         let gyros = 0..self.gyros.len();
-        let own = gyros.clone().filter(|_| self.gyros.len() > 1).map(Parameter::OwnScale);
-        gyros.map(Parameter::Bias).chain([Parameter::Scale]).chain(own).collect()
-    }
-
-    /// Checks that gyros and windows suffice.
-    ///
-    /// # Errors
-    /// [`RatesError::Axes`], [`RatesError::TooFew`].
-    pub(crate) fn check(&self, spare: usize) -> Result<(), RatesError> {
-        let mut axes: Vec<usize> = self.gyros.iter().map(|gyro| gyro.axis).collect();
-        axes.sort_unstable();
-        if self.is_magnitude() && axes != [0, 1, 2] {
-            let got =
-                self.gyros.iter().map(|gyro| format!("{} about {}", gyro.name, ["X", "Y", "Z"][gyro.axis.min(2)]));
-            return Err(RatesError::Axes { got: got.collect::<Vec<_>>().join(", ") });
-        }
-        let expected = self.groups.len() + if self.is_magnitude() { self.parameters().len() } else { 3 } + spare;
-        match self.all().len() {
-            got if got < expected => Err(RatesError::TooFew { expected, got }),
-            _ => Ok(()),
-        }
+        gyros.clone().map(Parameter::Bias).chain([Parameter::Scale]).chain(gyros.map(Parameter::OwnScale)).collect()
     }
 }
 
-/// Corrected rates minus the reference, channel after channel, and the derivative by each error of `set`.
+/// Magnitude of the corrected rates minus the reference, and the derivative by each error of `set`.
 pub(crate) fn residual(windows: &Windows, set: &[Parameter], values: &[f64]) -> (DVector<f64>, DMatrix<f64>) {
-    let (count, gyros) = (windows.all().len(), windows.gyros.len());
+    let gyros = windows.gyros.len();
     let (mut bias, mut factor, mut common) = (vec![0.0; gyros], vec![1.0; gyros], 1.0);
     for (parameter, value) in set.iter().zip(values) {
         match *parameter {
@@ -98,7 +78,7 @@ pub(crate) fn residual(windows: &Windows, set: &[Parameter], values: &[f64]) -> 
             Parameter::Scale => common = 1.0 + value,
         }
     }
-    let mut residual = DVector::zeros(windows.residuals());
+    let mut residual = DVector::zeros(windows.all().len());
     let mut slope = DMatrix::zeros(residual.len(), set.len());
     for (index, window) in windows.all().iter().enumerate() {
         let measured = window.rates_arcsec_s.iter().zip(&bias).zip(&factor);
@@ -110,25 +90,12 @@ pub(crate) fn residual(windows: &Windows, set: &[Parameter], values: &[f64]) -> 
             Parameter::Scale => -rates[gyro] / common,
             _ => 0.0,
         };
-        match window.reference {
-            Reference::Magnitude(reference) => {
-                // At rest the direction is undefined and the derivative by it 0.
-                let magnitude = norm(&rates);
-                let along = |gyro: usize| if magnitude > 0.0 { rates[gyro] / magnitude } else { 0.0 };
-                residual[index] = magnitude - reference;
-                for (column, parameter) in set.iter().enumerate() {
-                    slope[(index, column)] = (0..gyros).map(|gyro| along(gyro) * rate_slope(gyro, *parameter)).sum();
-                }
-            }
-            Reference::Vector(reference) => {
-                for (gyro, Gyro { axis, .. }) in windows.gyros.iter().enumerate() {
-                    let row = gyro * count + index;
-                    residual[row] = rates[gyro] - reference[(*axis).min(2)];
-                    for (column, parameter) in set.iter().enumerate() {
-                        slope[(row, column)] = rate_slope(gyro, *parameter);
-                    }
-                }
-            }
+        // At rest the direction is undefined and the derivative by it 0.
+        let magnitude = norm(&rates);
+        let along = |gyro: usize| if magnitude > 0.0 { rates[gyro] / magnitude } else { 0.0 };
+        residual[index] = magnitude - window.magnitude_arcsec_s;
+        for (column, parameter) in set.iter().enumerate() {
+            slope[(index, column)] = (0..gyros).map(|gyro| along(gyro) * rate_slope(gyro, *parameter)).sum();
         }
     }
     (residual, slope)

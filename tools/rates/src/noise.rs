@@ -1,6 +1,6 @@
 //! Noise of the residual: within groups, correlated from window to window, and a part common to a group.
 //!
-//! Within a group, the residual of a channel is a first-order autoregression. Its standard deviation and correlation maximise the
+//! Within a group, the residual is a first-order autoregression. Its standard deviation and correlation maximise the
 //! restricted likelihood after the group means and all linearised errors are projected out; the correlation time is limited to a
 //! quarter of the longest group. Therefore neither an offset of a group nor an error that varies within a group counts as noise.
 
@@ -12,9 +12,9 @@ use crate::windows::Windows;
 /// explain: as noise it would make every group consistent with any other.
 const MIN_TIMES_IN_GROUP: f64 = 4.0;
 
-/// Noise of one channel.
+/// Noise of the residual.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ChannelNoise {
+pub struct Noise {
     /// Standard deviation of a window within its group.
     pub sigma_arcsec_s: f64,
     /// Correlation of a window with the next of its group.
@@ -23,28 +23,10 @@ pub struct ChannelNoise {
     pub between_arcsec_s: f64,
 }
 
-/// Noise of all channels: one if the reference is a magnitude, otherwise one for each gyro.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Noise {
-    /// The channels.
-    pub channels: Vec<ChannelNoise>,
-}
-
 /// Largest correlation of a window with the next that counts as noise.
 pub(crate) fn max_correlation(windows: &Windows) -> f64 {
-    let longest = (0..windows.groups.len()).map(|group| windows.count(group)).max().unwrap_or(0);
-    (-MIN_TIMES_IN_GROUP / longest.max(1) as f64).exp()
-}
-
-/// Channel and rows of each group that has windows, in order.
-pub(crate) fn segments(windows: &Windows) -> Vec<(usize, Vec<usize>)> {
-    let count = windows.all().len();
-    let rows = |channel: usize, group: usize| -> Vec<usize> {
-        let own = windows.all().iter().enumerate().filter(|(_, window)| window.group == group);
-        own.map(|(index, _)| channel * count + index).collect()
-    };
-    let all = (0..windows.channels()).flat_map(|channel| (0..windows.groups.len()).map(move |group| (channel, group)));
-    all.map(|(channel, group)| (channel, rows(channel, group))).filter(|(_, rows)| !rows.is_empty()).collect()
+    let longest = windows.by_group().iter().map(Vec::len).max().unwrap_or(1);
+    (-MIN_TIMES_IN_GROUP / longest as f64).exp()
 }
 
 /// Removes the correlation of neighbours; the first value stays as it is.
@@ -59,22 +41,20 @@ pub(crate) fn decorrelated(values: &[f64], correlation: f64) -> impl Iterator<It
 impl Noise {
     /// With the largest correlation allowed.
     pub(crate) fn slowest(&self, windows: &Windows) -> Noise {
-        let correlation = max_correlation(windows);
-        Noise { channels: self.channels.iter().map(|channel| ChannelNoise { correlation, ..*channel }).collect() }
+        Noise { correlation: max_correlation(windows), ..*self }
     }
 
     /// Whitens columns: noise becomes uncorrelated with variance 1.
     pub(crate) fn whiten(&self, windows: &Windows, matrix: &DMatrix<f64>) -> DMatrix<f64> {
         let mut white = matrix.clone();
-        for (channel, rows) in segments(windows) {
-            let ChannelNoise { sigma_arcsec_s, correlation, between_arcsec_s } = self.channels[channel];
+        for rows in windows.by_group() {
             let within = |values: &[f64]| {
-                let white = decorrelated(values, correlation).map(|value| value / sigma_arcsec_s);
+                let white = decorrelated(values, self.correlation).map(|value| value / self.sigma_arcsec_s);
                 DVector::from_iterator(values.len(), white)
             };
             let common = within(&vec![1.0; rows.len()]);
             let squared = common.norm_squared();
-            let share = (1.0 - (1.0 + between_arcsec_s.powi(2) * squared).sqrt().recip()) / squared;
+            let share = (1.0 - (1.0 + self.between_arcsec_s.powi(2) * squared).sqrt().recip()) / squared;
             for column in 0..matrix.ncols() {
                 let values: Vec<f64> = rows.iter().map(|row| matrix[(*row, column)]).collect();
                 let values = within(&values);
@@ -85,11 +65,11 @@ impl Noise {
         white
     }
 
-    /// An offset of each channel and group, as columns.
+    /// An offset of each group, as columns.
     pub(crate) fn offsets(windows: &Windows) -> DMatrix<f64> {
-        let segments = segments(windows);
-        let mut columns = DMatrix::zeros(windows.residuals(), segments.len());
-        for (column, (_, rows)) in segments.iter().enumerate() {
+        let groups = windows.by_group();
+        let mut columns = DMatrix::zeros(windows.all().len(), groups.len());
+        for (column, rows) in groups.iter().enumerate() {
             rows.iter().for_each(|row| columns[(*row, column)] = 1.0);
         }
         columns
@@ -97,14 +77,13 @@ impl Noise {
 
     /// A residual of noise alone; `normal` yields independent standard normal numbers.
     pub(crate) fn draw(&self, windows: &Windows, mut normal: impl FnMut() -> f64) -> DVector<f64> {
-        let mut drawn = DVector::zeros(windows.residuals());
-        for (channel, rows) in segments(windows) {
-            let ChannelNoise { sigma_arcsec_s, correlation, between_arcsec_s } = self.channels[channel];
-            let common = if between_arcsec_s > 0.0 { between_arcsec_s * normal() } else { 0.0 };
+        let mut drawn = DVector::zeros(windows.all().len());
+        for rows in windows.by_group() {
+            let common = if self.between_arcsec_s > 0.0 { self.between_arcsec_s * normal() } else { 0.0 };
             let mut state = normal();
             for row in rows {
-                drawn[row] = common + sigma_arcsec_s * state;
-                state = correlation * state + (1.0 - correlation * correlation).sqrt() * normal();
+                drawn[row] = common + self.sigma_arcsec_s * state;
+                state = self.correlation * state + (1.0 - self.correlation * self.correlation).sqrt() * normal();
             }
         }
         drawn
@@ -114,16 +93,17 @@ impl Noise {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::{Gyro, Reference};
+    use crate::Gyro;
     use geu_model::noise::NoiseStream;
 
     /// Windows of three gyros, `each` windows in a group, at a rate that increases from group to group.
     pub(crate) fn windows(groups: usize, each: usize) -> Windows {
-        let gyros = (0..3).map(|axis| Gyro { name: "XYZ"[axis..=axis].to_owned(), axis }).collect();
-        let mut windows = Windows::new(gyros, (0..groups).map(|group| group.to_string()).collect());
+        let gyros = ["X", "Y", "Z"].into_iter().zip([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+        let gyros = gyros.map(|(name, input)| Gyro { name: name.to_owned(), input });
+        let mut windows = Windows::new(gyros.collect()).expect("perpendicular");
         for index in 0..groups * each {
             let speed = 100.0 * (1 + index / each) as f64;
-            windows.push(index / each, &[0.2 * speed, speed, 5.0], Reference::Magnitude(speed)).expect("a window");
+            windows.push(&(index / each).to_string(), &[0.2 * speed, speed, 5.0], speed);
         }
         windows
     }
@@ -131,8 +111,7 @@ pub(crate) mod tests {
     #[test]
     fn whitened_noise_has_variance_one_and_no_correlation() {
         let windows = windows(50, 20);
-        let noise =
-            Noise { channels: vec![ChannelNoise { sigma_arcsec_s: 3.0, correlation: 0.6, between_arcsec_s: 2.0 }] };
+        let noise = Noise { sigma_arcsec_s: 3.0, correlation: 0.6, between_arcsec_s: 2.0 };
         let mut stream = NoiseStream::of_sensor(1, "test");
         let drawn = noise.draw(&windows, || stream.standard_normal());
         let white = noise.whiten(&windows, &DMatrix::from_columns(&[drawn]));

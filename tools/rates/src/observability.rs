@@ -3,9 +3,9 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::fit::{Fit, cosine, inverse};
-use crate::model::{Parameter, norm};
+use crate::model::Parameter;
 use crate::noise::Noise;
-use crate::windows::{Reference, Windows};
+use crate::windows::{Windows, dot};
 
 /// Smallest eigenvalue of the cosines with which the condition number is finite.
 const MIN_EIGENVALUE: f64 = 1e-12;
@@ -81,8 +81,13 @@ pub(crate) fn observability(windows: &Windows, noise: &Noise, fitted: &Fit) -> O
         return None;
     }
     let count = (windows.all().len() / windows.groups.len().max(1)).max(1);
+    // As gyros with these errors measure it.
+    let scale = 1.0 + fitted.value(Parameter::Scale);
     let simulated = |spin_arcsec_s| {
-        let with = with_spin(windows, spin_arcsec_s, count, fitted);
+        let gyros = windows.gyros.iter().enumerate();
+        let rates =
+            gyros.map(|(gyro, own)| dot(&own.input, &spin_arcsec_s) * scale + fitted.value(Parameter::Bias(gyro)));
+        let with = windows.with_spin(spin_arcsec_s, &rates.collect::<Vec<_>>(), count);
         let Observability { sigmas_free, cosines, condition, .. } = signatures(&with, noise, &parameters, fitted);
         CandidateSpin { spin_arcsec_s, windows: count, sigmas_free, cosines, condition }
     };
@@ -95,32 +100,9 @@ pub(crate) fn observability(windows: &Windows, noise: &Noise, fitted: &Fit) -> O
 
 /// Spins both ways about each axis, at the median rate of the windows.
 fn spins(windows: &Windows) -> Vec<[f64; 3]> {
-    let speed = |reference: &Reference| match reference {
-        Reference::Magnitude(rate) => rate.abs(),
-        Reference::Vector(rates) => norm(rates),
-    };
-    let mut speeds: Vec<f64> = windows.all().iter().map(|window| speed(&window.reference)).collect();
+    let mut speeds: Vec<f64> = windows.all().iter().map(|window| window.magnitude_arcsec_s).collect();
     speeds.sort_unstable_by(f64::total_cmp);
     let Some(&speed) = speeds.get(speeds.len() / 2) else { return Vec::new() };
     let about = |axis: usize, sign: f64| std::array::from_fn(|other| if other == axis { sign * speed } else { 0.0 });
     (0..3).flat_map(|axis| [about(axis, 1.0), about(axis, -1.0)]).collect()
-}
-
-/// The windows and `count` windows of a spin, as gyros with these errors would measure it.
-fn with_spin(windows: &Windows, spin: [f64; 3], count: usize, fitted: &Fit) -> Windows {
-    let mut with = windows.clone();
-    with.groups.push("manoeuvre".to_owned());
-    let scale = 1.0 + fitted.value(Parameter::Scale);
-    let gyros = windows.gyros.iter().enumerate();
-    let rates: Vec<f64> =
-        gyros.map(|(gyro, own)| spin[own.axis.min(2)] * scale + fitted.value(Parameter::Bias(gyro))).collect();
-    let reference = match windows.is_magnitude() {
-        true => Reference::Magnitude(norm(&spin)),
-        false => Reference::Vector(spin),
-    };
-    for _ in 0..count {
-        // Finite rates are valid.
-        let _ = with.push(windows.groups.len(), &rates, reference);
-    }
-    with
 }

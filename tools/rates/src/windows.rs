@@ -1,21 +1,16 @@
-//! The data: windows, each with the mean rate of every gyro, a reference rate and a group.
+//! The data: windows, each with the mean rate of every gyro, the reference magnitude and a group.
+
+use crate::model::norm;
+
+/// Product of two unit vectors from which axes are not perpendicular.
+const PERPENDICULAR: f64 = 1e-3;
 
 /// A gyro.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Gyro {
-    /// Name.
     pub name: String,
-    /// Sensitive axis: 0 X, 1 Y, 2 Z.
-    pub axis: usize,
-}
-
-/// The independent rate of a window, arcsec/s.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Reference {
-    /// Magnitude.
-    Magnitude(f64),
-    /// About X, Y and Z.
-    Vector([f64; 3]),
+    /// Sensitive axis, of length 1.
+    pub input: [f64; 3],
 }
 
 /// One window.
@@ -25,14 +20,13 @@ pub struct Window {
     pub group: usize,
     /// Mean rate of each gyro.
     pub rates_arcsec_s: Vec<f64>,
-    /// The independent rate.
-    pub reference: Reference,
+    /// The independent magnitude of the rate.
+    pub magnitude_arcsec_s: f64,
 }
 
 /// Windows, in time order within each group.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Windows {
-    /// The gyros.
     pub gyros: Vec<Gyro>,
     /// Names of the groups.
     pub groups: Vec<String>,
@@ -42,74 +36,57 @@ pub struct Windows {
 /// Rates that cannot be compared.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RatesError {
-    /// An invalid window.
-    #[error("window {window}: expected {expected}, got {got}")]
-    Window {
-        /// From 1.
-        window: usize,
-        /// Expected content.
-        expected: String,
-        /// Actual content.
-        got: String,
-    },
-    /// A magnitude as reference needs gyros that together sense the whole rate.
-    #[error("a reference that is a magnitude: expected one gyro about each of X, Y and Z, got {got}")]
+    /// Only perpendicular gyros sense the whole rate, and all errors of it.
+    #[error("a reference of magnitudes: expected a unit of three gyros with perpendicular axes, got {got}")]
     Axes {
         /// The gyros.
         got: String,
     },
     /// Too few windows to estimate the noise.
     #[error("expected {expected} windows or more, to separate noise from errors; got {got}")]
-    TooFew {
-        /// Minimum.
-        expected: usize,
-        /// Given.
-        got: usize,
-    },
+    TooFew { expected: usize, got: usize },
 }
-
-const MAX_RATE_ARCSEC_S: f64 = 1e12;
 
 impl Windows {
     /// Without a window.
-    pub fn new(gyros: Vec<Gyro>, groups: Vec<String>) -> Windows {
-        Windows { gyros, groups, windows: Vec::new() }
-    }
-
-    /// Appends a window.
     ///
     /// # Errors
-    /// [`RatesError::Window`]: another number of gyros, an unknown group, a reference of the other kind, a rate that is not finite.
-    pub fn push(&mut self, group: usize, rates_arcsec_s: &[f64], reference: Reference) -> Result<(), RatesError> {
-        let rejected =
-            |expected: String, got: String| Err(RatesError::Window { window: self.windows.len() + 1, expected, got });
-        if rates_arcsec_s.len() != self.gyros.len() {
-            return rejected(
-                format!("a rate for each of {} gyros", self.gyros.len()),
-                rates_arcsec_s.len().to_string(),
-            );
+    /// [`RatesError::Axes`].
+    pub fn new(gyros: Vec<Gyro>) -> Result<Windows, RatesError> {
+        let pairs = [(0, 1), (1, 2), (2, 0)];
+        let dot = |(one, other): (usize, usize)| dot(&gyros[one].input, &gyros[other].input).abs();
+        if gyros.len() != 3 || pairs.into_iter().map(dot).any(|product| product > PERPENDICULAR) {
+            let axis =
+                |gyro: &Gyro| format!("{} about {}", gyro.name, gyro.input.map(|part| format!("{part:.2}")).join(" "));
+            return Err(RatesError::Axes { got: gyros.iter().map(axis).collect::<Vec<_>>().join(", ") });
         }
-        if group >= self.groups.len() {
-            return rejected(format!("a group of {}", self.groups.len()), format!("group {}", group + 1));
+        Ok(Windows { gyros, groups: Vec::new(), windows: Vec::new() })
+    }
+
+    /// Appends a window with finite rates to the group of that name.
+    pub fn push(&mut self, group: &str, rates_arcsec_s: &[f64], magnitude_arcsec_s: f64) {
+        let place = self.groups.iter().position(|name| name == group).unwrap_or(self.groups.len());
+        if place == self.groups.len() {
+            self.groups.push(group.to_owned());
         }
-        let references = match reference {
-            Reference::Magnitude(rate) => vec![rate],
-            Reference::Vector(rates) => rates.to_vec(),
-        };
-        if !self.windows.is_empty() && self.is_magnitude() != (references.len() == 1) {
-            return rejected("a reference like that of the first".to_owned(), format!("{reference:?}"));
-        }
-        let is_invalid = |rate: &&f64| !(-MAX_RATE_ARCSEC_S..=MAX_RATE_ARCSEC_S).contains(*rate);
-        if let Some(rate) = rates_arcsec_s.iter().chain(&references).find(is_invalid) {
-            return rejected("rates that are numbers, within 1e12 arcsec/s".to_owned(), rate.to_string());
-        }
-        self.windows.push(Window { group, rates_arcsec_s: rates_arcsec_s.to_vec(), reference });
-        Ok(())
+        self.windows.push(Window { group: place, rates_arcsec_s: rates_arcsec_s.to_vec(), magnitude_arcsec_s });
     }
 
     /// All windows.
     pub fn all(&self) -> &[Window] {
         &self.windows
+    }
+
+    /// Checks that the windows suffice for a noise estimate with `spare` of them.
+    ///
+    /// # Errors
+    /// [`RatesError::TooFew`].
+    pub(crate) fn check(&self, spare: usize) -> Result<(), RatesError> {
+        let expected = self.groups.len() + self.parameters().len() + spare;
+        match self.windows.len() {
+            got if got < expected => Err(RatesError::TooFew { expected, got }),
+            _ => Ok(()),
+        }
     }
 
     /// The windows of one group, and all other windows.
@@ -131,28 +108,31 @@ impl Windows {
         cut
     }
 
-    /// True if the reference is a magnitude.
-    pub fn is_magnitude(&self) -> bool {
-        matches!(self.windows.first(), Some(Window { reference: Reference::Magnitude(_), .. }))
-    }
-
-    /// Number of residuals of a window: one for a magnitude, otherwise one for each gyro.
-    pub(crate) fn channels(&self) -> usize {
-        if self.is_magnitude() { 1 } else { self.gyros.len() }
-    }
-
-    /// Number of residuals.
-    pub(crate) fn residuals(&self) -> usize {
-        self.channels() * self.windows.len()
-    }
-
-    /// Number of windows of a group.
-    pub(crate) fn count(&self, group: usize) -> usize {
-        self.windows.iter().filter(|window| window.group == group).count()
+    /// Indices of the windows of each group that has any.
+    pub(crate) fn by_group(&self) -> Vec<Vec<usize>> {
+        let mut groups = vec![Vec::new(); self.groups.len()];
+        self.windows.iter().enumerate().for_each(|(index, window)| groups[window.group].push(index));
+        groups.retain(|windows| !windows.is_empty());
+        groups
     }
 
     /// Largest rate of a gyro, arcsec/s.
     pub(crate) fn max_arcsec_s(&self) -> f64 {
         self.windows.iter().flat_map(|window| &window.rates_arcsec_s).fold(0.0, |max, rate| rate.abs().max(max))
     }
+
+    /// The windows, and `count` windows of a spin of which the gyros measure these rates, as a group.
+    pub(crate) fn with_spin(&self, spin_arcsec_s: [f64; 3], rates_arcsec_s: &[f64], count: usize) -> Windows {
+        let mut with = self.clone();
+        let (group, magnitude_arcsec_s) = (self.groups.len(), norm(&spin_arcsec_s));
+        let window = Window { group, rates_arcsec_s: rates_arcsec_s.to_vec(), magnitude_arcsec_s };
+        with.groups.push("manoeuvre".to_owned());
+        with.windows.extend(std::iter::repeat_n(window, count));
+        with
+    }
+}
+
+/// Product of two vectors.
+pub(crate) fn dot(one: &[f64; 3], other: &[f64; 3]) -> f64 {
+    one.iter().zip(other).map(|(one, other)| one * other).sum()
 }

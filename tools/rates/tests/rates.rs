@@ -1,13 +1,16 @@
 //! Rates against an independent rate: injected errors are found, noise yields no error, and indistinguishable errors are reported.
 
 use geu_model::noise::NoiseStream;
-use geu_rates::{Diagnosis, Gyro, Parameter, Reference, Verdict, Windows, diagnose};
+use geu_rates::{Diagnosis, Gyro, Parameter, Verdict, Windows, diagnose};
+
+fn empty() -> Windows {
+    let gyros = ["X", "Y", "Z"].into_iter().zip([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+    Windows::new(gyros.map(|(name, input)| Gyro { name: name.to_owned(), input }).collect()).expect("perpendicular")
+}
 
 /// Ten windows in each of eight groups, each group with the next spin direction.
 fn windows(directions: &[[f64; 3]], errors: &[(Parameter, f64)], correlation: f64, seed: u64) -> Windows {
-    let gyros = ["X", "Y", "Z"].iter().enumerate().map(|(axis, name)| Gyro { name: name.to_string(), axis });
-    let groups = 8;
-    let mut windows = Windows::new(gyros.collect(), (0..groups).map(|group| group.to_string()).collect());
+    let (groups, mut windows) = (8, empty());
     let mut stream = NoiseStream::of_sensor(seed, "windows");
     for group in 0..groups {
         let direction = directions[group % directions.len()];
@@ -31,8 +34,7 @@ fn windows(directions: &[[f64; 3]], errors: &[(Parameter, f64)], correlation: f6
                     measured[gyro] += value;
                 }
             }
-            let reference = Reference::Magnitude(magnitude + 30.0 * noise);
-            windows.push(group, &measured, reference).expect("a window");
+            windows.push(&group.to_string(), &measured, magnitude + 30.0 * noise);
             noise = correlation * noise + (1.0 - correlation * correlation).sqrt() * stream.standard_normal();
         }
     }
@@ -114,14 +116,13 @@ fn indistinguishable_errors_are_reported_as_alternatives() {
 }
 
 #[test]
-fn errors_of_one_gyro_are_found_in_one_recording_with_a_vector_reference() {
-    let gyros = vec![Gyro { name: "GZ".to_owned(), axis: 2 }];
-    let mut windows = Windows::new(gyros, vec!["all".to_owned()]);
+fn a_single_recording_is_cut_into_parts() {
+    let mut windows = empty();
     let mut stream = NoiseStream::of_sensor(3, "windows");
     for index in 0..90 {
         let rate = 400.0 * (f64::from(index) * 0.3).sin();
-        let measured = 1.01 * rate + 7.0 + 0.5 * stream.standard_normal();
-        windows.push(0, &[measured], Reference::Vector([3.0, -2.0, rate])).expect("a window");
+        let measured = [1.01 * rate + 7.0, 0.0, 0.0];
+        windows.push("all", &measured, rate.abs() + 0.5 * stream.standard_normal());
     }
     let found = diagnose(&windows, 1).expect("a diagnosis");
     assert_eq!((found.verdict, found.groups.len(), found.errors.len()), (Verdict::Explained, 3, 2));
@@ -133,20 +134,14 @@ fn errors_of_one_gyro_are_found_in_one_recording_with_a_vector_reference() {
 
 #[test]
 fn insufficient_data_are_rejected() {
-    let gyro = |name: &str, axis| Gyro { name: name.to_owned(), axis };
-    let mut two = Windows::new(vec![gyro("X", 0), gyro("Y", 1)], vec!["day".to_owned()]);
-    two.push(0, &[1.0, 2.0], Reference::Magnitude(3.0)).expect("a window");
-    let error = diagnose(&two, 1).expect_err("no gyro about Z").to_string();
-    assert!(error.contains("one gyro about each of X, Y and Z, got X about X, Y about Y"), "{error}");
-    assert!(two.push(0, &[f64::NAN, 2.0], Reference::Magnitude(3.0)).is_err());
-    assert!(two.push(0, &[1.0, 2.0], Reference::Vector([0.0; 3])).is_err());
-    assert!(two.push(1, &[1.0, 2.0], Reference::Magnitude(3.0)).is_err());
-    let three = Windows::new(vec![gyro("X", 0), gyro("Y", 1), gyro("Z", 2)], vec!["day".to_owned()]);
-    assert!(diagnose(&three, 1).expect_err("no window").to_string().contains("windows"));
+    let gyro = |name: &str, input| Gyro { name: name.to_owned(), input };
+    let two = vec![gyro("X", [1.0, 0.0, 0.0]), gyro("Y", [0.0, 1.0, 0.0])];
+    let error = Windows::new(two.clone()).expect_err("no gyro about Z").to_string();
+    assert!(error.contains("perpendicular axes, got X about 1.00 0.00 0.00, Y about 0.00 1.00 0.00"), "{error}");
+    assert!(Windows::new([two, vec![gyro("Z", [0.0, 0.6, 0.8])]].concat()).is_err());
+    assert!(diagnose(&empty(), 1).expect_err("no window").to_string().contains("windows"));
     // A unit at rest has no scale signature, and shows that the biases are zero.
-    let mut rest = three.clone();
-    for _ in 0..60 {
-        rest.push(0, &[0.0; 3], Reference::Magnitude(0.0)).expect("a window");
-    }
+    let mut rest = empty();
+    (0..60).for_each(|_| rest.push("day", &[0.0; 3], 0.0));
     assert_eq!(diagnose(&rest, 1).expect("a diagnosis").verdict, Verdict::Consistent);
 }

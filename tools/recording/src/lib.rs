@@ -39,13 +39,11 @@ mod decoder;
 mod defect;
 mod device_decoder;
 mod flow;
-mod gyro_csv;
 mod input;
 mod input_reader;
 mod live;
 mod no_rows;
 mod others;
-mod rate_table;
 mod reference;
 mod row;
 mod summary;
@@ -59,16 +57,11 @@ pub use csv_table::{CsvTable, TableError};
 pub use decoder::{Decoder, DecoderOptions};
 pub use defect::{Defect, DefectKind, place_text};
 pub use device_decoder::DeviceDecoder;
-pub use gyro_csv::{
-    GyroColumn, GyroCsv, GyroCsvDefect, GyroCsvDefectKind, GyroCsvError, GyroCsvSpec, RateColumn, RateSample,
-    ReferenceTable,
-};
 pub use input::{InputError, is_live};
 pub use input_reader::{Decode, InputReader, Stop};
 pub use no_rows::no_rows_reason;
 pub use others::Others;
-pub use rate_table::{RateRow, RateTable};
-pub use reference::{REFERENCE, ReferenceAttitude, ReferenceTrial};
+pub use reference::{MagnitudeRow, REFERENCE, Reference, ReferenceAttitude, ReferenceTrial};
 pub use row::{DeviceSample, ReceivedSample, Sink};
 pub use summary::DecodeSummary;
 pub use text::{RowLines, RowReader, Table, open_rows, read_text};

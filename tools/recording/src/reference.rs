@@ -4,6 +4,7 @@
 //! Between the rows a cubic spline of the accumulated rotation holds ([`Recorded`]).
 
 mod columns;
+mod magnitudes;
 #[cfg(test)]
 mod tests;
 
@@ -12,10 +13,13 @@ use std::path::Path;
 use std::sync::Arc;
 
 use geu_model::attitude::{AttitudeRow, AttitudeRowsError, GAP_SPACINGS, RecordedAttitude, median_spacing_s};
+use geu_model::device::Device;
 use geu_model::units::{ARCSEC_PER_RAD, RAD_PER_DEG};
 use nalgebra::{Quaternion, UnitQuaternion};
 
-use self::columns::{Columns, MotionKind, SIGMA_COLUMNS};
+use self::columns::{COLUMNS, Columns, MotionKind, SIGMA_COLUMNS};
+use self::magnitudes::MagnitudeColumns;
+pub use self::magnitudes::MagnitudeRow;
 use crate::aem;
 use crate::csv_table::{CsvTable, TableError};
 use crate::text::{RowReader, open_rows, timestamp};
@@ -48,6 +52,14 @@ pub struct ReferenceTrial {
     /// True for attitudes. Of rates and turns the turn over a gap is not known, and a sigma is that of the turn that ends at its row.
     pub is_attitude: bool,
     pub reference: ReferenceAttitude,
+}
+
+/// The reference of a diagnosis.
+#[derive(Debug, Clone)]
+pub enum Reference {
+    Attitude(ReferenceAttitude),
+    /// The magnitude of the rate alone.
+    Magnitudes(Vec<MagnitudeRow>),
 }
 
 /// Gaps between rows that are accepted.
@@ -131,16 +143,60 @@ impl ReferenceAttitude {
     }
 }
 
-/// Reads the trials of a file, one or, with all gaps, several.
-fn trials(name: &str, mut rows: RowReader<impl Read>, gaps: Gaps) -> Result<Vec<ReferenceTrial>, TableError> {
+impl Reference {
+    /// Reads a file of which quaternions may leave gaps; of a described unit also magnitudes, in the windows of its description
+    /// or with times.
+    ///
+    /// # Errors
+    /// [`TableError`], with the line.
+    pub fn read(name: &str, device: &Device) -> Result<Reference, TableError> {
+        if device.is_iras() {
+            return ReferenceAttitude::read_with_gaps(name).map(Reference::Attitude);
+        }
+        let described = device.table.as_ref().and_then(|table| table.reference.as_ref());
+        let mut rows = open_rows(Path::new(name)).map_err(TableError::read(name, REFERENCE))?;
+        if is_ephemeris(name, &mut rows)? {
+            return Ok(Reference::Attitude(aem::parse(name, rows.lines())?));
+        }
+        let table = CsvTable::new(name, rows)?;
+        match (MagnitudeColumns::find(&table, described), Columns::find(&table)) {
+            (Some(columns), _) => Ok(Reference::Magnitudes(columns.rows(table)?)),
+            (None, Err(COLUMNS)) => {
+                let windows = described.map_or(String::new(), |own| {
+                    format!(", or {}", own.titles().map(String::as_str).collect::<Vec<_>>().join(", "))
+                });
+                Err(table.without_columns(&format!("{COLUMNS}; or magnitudes: the time and rate_deg_s{windows}")))
+            }
+            _ => {
+                let trial = trials_of(name, table, Gaps::OfAttitudes)?.swap_remove(0);
+                Ok(Reference::Attitude(trial.reference))
+            }
+        }
+    }
+}
+
+/// True for an attitude ephemeris, by its first line.
+fn is_ephemeris(name: &str, rows: &mut RowReader<impl Read>) -> Result<bool, TableError> {
     let head = rows.first_lines().map_err(TableError::read(name, REFERENCE))?;
     let first = head.iter().map(|line| line.trim()).find(|line| !line.is_empty() && !line.starts_with("COMMENT"));
-    if first.is_some_and(|line| line.starts_with(aem::FIRST_KEYWORD)) {
+    Ok(first.is_some_and(|line| line.starts_with(aem::FIRST_KEYWORD)))
+}
+
+/// Reads the trials of a file, one or, with all gaps, several.
+fn trials(name: &str, mut rows: RowReader<impl Read>, gaps: Gaps) -> Result<Vec<ReferenceTrial>, TableError> {
+    if is_ephemeris(name, &mut rows)? {
         let reference = aem::parse(name, rows.lines())?;
         return Ok(vec![ReferenceTrial { name: String::new(), is_attitude: true, reference }]);
     }
-    let mut table = CsvTable::new(name, rows)?;
-    let columns = Columns::find(&table).map_err(|expected| table.without_columns(expected))?;
+    trials_of(name, CsvTable::new(name, rows)?, gaps)
+}
+
+fn trials_of(name: &str, mut table: CsvTable<impl Read>, gaps: Gaps) -> Result<Vec<ReferenceTrial>, TableError> {
+    let columns = Columns::find(&table).and_then(|columns| match columns.kind {
+        MotionKind::Magnitude => Err(COLUMNS),
+        _ => Ok(columns),
+    });
+    let columns = columns.map_err(|expected| table.without_columns(expected))?;
     if gaps != Gaps::All && columns.kind != MotionKind::Attitude && columns.sigma.is_some() {
         return Err(table.without_columns(SIGMA_COLUMNS));
     }
@@ -166,12 +222,8 @@ impl Trial {
     /// Adds a row, unless it is a dropout.
     fn push(&mut self, columns: &Columns, table: &CsvTable<impl Read>, gaps: Gaps) -> Result<(), TableError> {
         let number = |column: usize| table.number(column);
-        let time = |(column, unit_ns): (usize, i64)| {
-            let time = timestamp(table.text(column), unit_ns).map(|time| time.t_ns);
-            time.ok_or_else(|| table.unexpected(column, "a number"))
-        };
         // Seconds since the first row, so that no digit of a Unix time is lost.
-        let t_ns = time(columns.time)?;
+        let t_ns = time_ns(table, columns.time)?;
         let base_ns = *self.base_ns.get_or_insert(t_ns);
         let since_s = |t_ns: i64| t_ns.saturating_sub(base_ns) as f64 * 1e-9;
         let (t_s, is_attitude) = (since_s(t_ns), columns.kind == MotionKind::Attitude);
@@ -202,7 +254,7 @@ impl Trial {
             self.sigma_arcsec.push([sigma(x)?, sigma(y)?, sigma(z)?]);
         }
         if let Some(start) = columns.start {
-            let start_s = Some(since_s(time(start)?)).filter(|start_s| *start_s < t_s);
+            let start_s = Some(since_s(time_ns(table, start)?)).filter(|start_s| *start_s < t_s);
             self.starts_s.push(start_s.ok_or_else(|| table.unexpected(start.0, "a start before the end"))?);
         }
         self.rows.push(AttitudeRow { t_s, angle_control_arcsec, theta_psi_rad });
@@ -252,6 +304,12 @@ impl Trial {
         let reference = ReferenceAttitude { sigma_arcsec: own.sigma_arcsec, ..reference };
         Ok(ReferenceTrial { name: own.name, is_attitude, reference })
     }
+}
+
+/// The time in a column of this unit, ns.
+fn time_ns(table: &CsvTable<impl Read>, (column, unit_ns): (usize, i64)) -> Result<i64, TableError> {
+    let time = timestamp(table.text(column), unit_ns).map(|time| time.t_ns);
+    time.ok_or_else(|| table.unexpected(column, "a number"))
 }
 
 /// The turn, about the control axes and by the shorter way, from one attitude (control frame to inertial) to the next.

@@ -34,10 +34,7 @@ pub fn json(diagnosis: &Diagnosis, findings: &[Finding]) -> Json {
         json!({ "group": group.group, "windows": group.windows, "before_rms_arcsec_s": group.before_arcsec_s,
                 "fitted_rms_arcsec_s": group.after_arcsec_s, "held_out_rms_arcsec_s": group.held_out_arcsec_s })
     });
-    let noise = diagnosis.noise.channels.iter().map(|channel| {
-        json!({ "sigma_arcsec_s": channel.sigma_arcsec_s, "correlation": channel.correlation,
-                "between_arcsec_s": channel.between_arcsec_s })
-    });
+    let noise = &diagnosis.noise;
     let unexplained = (diagnosis.verdict == Verdict::Unexplained).then(|| {
         json!({ "gyros": windows.gyros.iter().map(|gyro| &gyro.name).collect::<Vec<_>>(), "interval_s": null,
                 "shape": "offsets of groups", "follows": [] })
@@ -51,7 +48,8 @@ pub fn json(diagnosis: &Diagnosis, findings: &[Finding]) -> Json {
                  "after": { "fitted": after, "held_out": gap(diagnosis.held_out.as_ref()) } },
         "unexplained": unexplained,
         "groups": groups.collect::<Vec<_>>(),
-        "noise": noise.collect::<Vec<_>>(),
+        "noise": [{ "sigma_arcsec_s": noise.sigma_arcsec_s, "correlation": noise.correlation,
+                    "between_arcsec_s": noise.between_arcsec_s }],
         "apart": diagnosis.observability.as_ref().map(|own| observability_json(own, windows)),
     })
 }
@@ -131,11 +129,7 @@ pub fn text(diagnosis: &Diagnosis, findings: &[Finding], caveat: Option<&str>) -
         map! { words: found.parameter.words(windows), value: with_sigma(found.parameter, found.value, found.sigma),
         share: 100.0 * found.gap_share, alternatives: alternatives.collect::<Value>() }
     });
-    let channels = diagnosis.noise.channels.iter().enumerate().map(|(index, channel)| {
-        let gyro = (!windows.is_magnitude()).then(|| windows.gyros[index].name.clone());
-        map! { gyro: gyro, sigma: rate(channel.sigma_arcsec_s), correlation: channel.correlation,
-        between: rate(channel.between_arcsec_s) }
-    });
+    let noise = &diagnosis.noise;
     let searched = diagnosis.searched.iter();
     // One unit for the table.
     let (size, unit) = unit(Parameter::Bias(0), diagnosis.before.rms_arcsec_s);
@@ -159,7 +153,7 @@ pub fn text(diagnosis: &Diagnosis, findings: &[Finding], caveat: Option<&str>) -
         is_explained: diagnosis.verdict == Verdict::Explained,
         errors: errors.collect::<Value>(),
         caveat: caveat,
-        channels: channels.collect::<Value>(),
+        noise: map! { sigma: rate(noise.sigma_arcsec_s), correlation: noise.correlation, between: rate(noise.between_arcsec_s) },
         is_slow: diagnosis.is_slow,
         offsets: [diagnosis.offsets.0, diagnosis.offsets.1],
         searched: searched.map(|(count, limit)| map! { count: *count as u32, limit: *limit }).collect::<Value>(),

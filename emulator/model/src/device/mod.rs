@@ -31,7 +31,7 @@ use crate::units::{ARCSEC_PER_DEG, FULL_SCALE_ARCSEC_S, SAMPLE_INTERVAL_S};
 use self::fields::is_identifier;
 pub use can::CanWire;
 pub use serial::SerialWire;
-pub use table::{TableWire, TimeColumn};
+pub use table::{ReferenceTable, TableWire, UnitColumn};
 
 /// Largest number of heads.
 pub const MAX_HEADS: usize = 8;

@@ -140,9 +140,9 @@ impl Table {
         }
         let quoted = |place: usize| format!("{}: {}", columns.titles[place], cells[place]).into_bytes();
         let time = |place: usize, unit_ns| timestamp(cells[place], unit_ns).ok_or_else(|| Some(quoted(place)));
-        let end = time(columns.time, self.wire.time.unit_ns)?;
+        let end = time(columns.time, self.wire.time.unit_ns())?;
         let start = columns.start.zip(self.wire.start.as_ref());
-        let start = start.map(|(place, start)| time(place, start.unit_ns)).transpose()?;
+        let start = start.map(|(place, start)| time(place, start.unit_ns())).transpose()?;
         if let Some((place, _)) = columns.start.zip(start).filter(|(_, start)| start.t_ns >= end.t_ns) {
             return Err(Some(quoted(place)));
         }

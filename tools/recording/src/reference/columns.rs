@@ -6,7 +6,7 @@ use geu_model::units::{ANGLE_UNITS, NamedUnits, RATE_UNITS, TIME_UNITS};
 
 use crate::csv_table::CsvTable;
 
-const COLUMNS: &str = "t_s (or time_, timestamp_; _ms, _us, _ns) or start_s and end_s; and either rates rate_x_deg_s, rate_y_deg_s, rate_z_deg_s \
+pub const COLUMNS: &str = "t_s (or time_, timestamp_; _ms, _us, _ns) or start_s and end_s; and either rates rate_x_deg_s, rate_y_deg_s, rate_z_deg_s \
     (or wx_, w_x_, omega_x_; _rad_s, _mrad_s, _arcsec_s, _deg_h); or between start and end turns angle_x_deg, angle_y_deg, angle_z_deg (or _rad, \
     _mrad, _arcsec); or quaternions, scalar last q1, q2, q3, q4, scalar first q0, q1, q2, q3, or qw, qx, qy, qz, or q_w, q_x, q_y, q_z";
 /// Columns of which one kind may state the 1-sigma error of each row about the control axes.
@@ -14,6 +14,7 @@ pub const SIGMA_COLUMNS: &str = "q_w, q_x, q_y, q_z beside either sigma_arcsec o
     _mrad): a sigma is that of a row's attitude, and rates state none, except for a diagnosis of a described unit, sigma_deg_s and so on";
 const TIMES: &[&str] = &["t_", "time_", "timestamp_"];
 const RATES: &[&str] = &["rate_", "w", "w_", "omega_"];
+const MAGNITUDES: &[&str] = &["rate_"];
 const TURNS: &[&str] = &["angle_"];
 const SIGMAS: &[&str] = &["sigma_"];
 const TRIALS: [&str; 2] = ["trial", "group"];
@@ -28,6 +29,8 @@ pub enum MotionKind {
     Attitude,
     Rate,
     Turn,
+    /// Magnitude of the rate.
+    Magnitude,
 }
 
 /// Places of the columns of a reference.
@@ -36,7 +39,7 @@ pub struct Columns {
     pub time: (usize, i64),
     pub start: Option<(usize, i64)>,
     pub kind: MotionKind,
-    /// Rates or turns about the axes, or the quaternion, scalar part first.
+    /// Rates or turns about the axes, the magnitude, or the quaternion, scalar part first.
     pub motion: Vec<usize>,
     /// Unit of the motion, arcsec or arcsec/s; 1 for a quaternion.
     pub size: f64,
@@ -59,7 +62,9 @@ impl Columns {
         });
         let quaternions = QUATERNIONS.iter().filter_map(|titles| titles.iter().map(|title| at(title)).collect());
         let quaternions = quaternions.map(|places| (MotionKind::Attitude, places, 1.0, ANGLE_UNITS));
-        let (kind, motion, size, units) = motions.chain(quaternions).next().ok_or(COLUMNS)?;
+        let magnitude = find(at, MAGNITUDES, [""], RATE_UNITS);
+        let magnitude = magnitude.map(|(places, size)| (MotionKind::Magnitude, places.to_vec(), size, RATE_UNITS));
+        let (kind, motion, size, units) = motions.chain(quaternions).chain(magnitude).next().ok_or(COLUMNS)?;
         // An attitude is that of an instant.
         let interval = interval.filter(|_| kind != MotionKind::Attitude || row.is_none());
         let sigma = find(at, SIGMAS, [""; 3], units).or_else(|| find(at, SIGMAS, AXES, units));

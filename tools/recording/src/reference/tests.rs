@@ -213,3 +213,33 @@ fn errors_of_other_columns_name_line_and_column() {
         assert!(message.contains(part), "{part} not in {message}");
     }
 }
+
+#[test]
+fn magnitudes_have_windows_or_the_rates_of_the_heads() {
+    let device = Device::from_name("suchai3").expect("a known unit");
+    let described = device.table.as_ref().and_then(|table| table.reference.as_ref());
+    let rows = |text: &str| {
+        let table = CsvTable::new("r.csv", RowReader::new(text.as_bytes())).expect("a table");
+        MagnitudeColumns::find(&table, described).expect("magnitudes").rows(table).expect("rows")
+    };
+    // After a gap, and at the beginning, a row lasts for the median spacing; a trial has times of its own.
+    let timed =
+        rows("time_ms;trial;rate_mrad_s\n1000;a;1\n2000;a;1\n3500;a;1\n9000;a;1\n10000;a;1\n11000;a;1\n500;b;2\n");
+    let windows_ms: Vec<(i64, i64)> =
+        timed.iter().filter_map(|row| row.window_ns).map(|(start, end)| (start / 1_000_000, end / 1_000_000)).collect();
+    let expected = [(0, 1000), (1000, 2000), (2000, 3500), (8000, 9000), (9000, 10_000), (10_000, 11_000), (-500, 500)];
+    assert_eq!(windows_ms, expected);
+    assert_eq!((timed[6].group.as_str(), timed[6].magnitude_arcsec_s), ("b", 2e-3 * ARCSEC_PER_RAD));
+    let own = rows("start_us,end_s,rate_arcsec_s\n1500000,2,7\n");
+    assert_eq!(own[0].window_ns, Some((1_500_000_000, 2_000_000_000)));
+    let windows = rows("magrate,wx,wy,wz,day\n2,1,-1,0,first\n");
+    let rates_arcsec_s = vec![3600.0, -3600.0, 0.0];
+    let window =
+        MagnitudeRow { window_ns: None, group: "first".to_owned(), rates_arcsec_s, magnitude_arcsec_s: 7200.0 };
+    assert_eq!(windows, [window]);
+    // Rates about the axes state more.
+    let table = CsvTable::new("r.csv", RowReader::new(&b"t_s,rate_deg_s,wx_deg_s,wy_deg_s,wz_deg_s\n"[..]));
+    assert!(MagnitudeColumns::find(&table.expect("a table"), described).is_none());
+    let refused = ReferenceAttitude::parse("r.csv", "t_s,rate_deg_s\n1,2\n2,2\n").expect_err("no attitude").to_string();
+    assert!(refused.starts_with("r.csv: line 1: header: expected the columns t_s"), "{refused}");
+}
