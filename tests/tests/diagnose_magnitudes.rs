@@ -116,7 +116,7 @@ fn what_a_magnitude_does_not_serve_is_refused() {
     refused(&more, "without these options, got --html, --verbose");
     refused(
         &["--link", &link, "--reference", &link],
-        "or magnitudes: the time and rate_deg_s, or day, wx, wy, wz, magrate",
+        "expected the columns day, wx, wy, wz, magrate; or a time and a magnitude, rate_deg_s; or t_s",
     );
     for (text, part) in [
         ("", "line 1: header: expected the columns"),

@@ -163,9 +163,9 @@ impl Reference {
             (Some(columns), _) => Ok(Reference::Magnitudes(columns.rows(table)?)),
             (None, Err(COLUMNS)) => {
                 let windows = described.map_or(String::new(), |own| {
-                    format!(", or {}", own.titles().map(String::as_str).collect::<Vec<_>>().join(", "))
+                    format!("{}; or ", own.titles().map(String::as_str).collect::<Vec<_>>().join(", "))
                 });
-                Err(table.without_columns(&format!("{COLUMNS}; or magnitudes: the time and rate_deg_s{windows}")))
+                Err(table.without_columns(&format!("{windows}a time and a magnitude, rate_deg_s; or {COLUMNS}")))
             }
             _ => {
                 let trial = trials_of(name, table, Gaps::OfAttitudes)?.swap_remove(0);
