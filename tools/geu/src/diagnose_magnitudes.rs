@@ -4,10 +4,10 @@ mod samples;
 
 use std::ops::Range;
 
+use geu_magnitudes::{Gyro, Verdict, Windows, diagnose};
 use geu_model::device::Device;
-use geu_rates::{Gyro, Verdict, Windows, diagnose};
 use geu_recording::MagnitudeRow;
-use geu_report::rates;
+use geu_report::magnitudes;
 
 use self::samples::{HEADS, Sample, Samples};
 use crate::command_error::{CommandError, say};
@@ -67,13 +67,13 @@ pub fn run(
     }
     let diagnosis = diagnose(&windows, seed).map_err(failed)?;
     if let Some(file) = json {
-        file.write(format!("{:#}\n", rates::json(&diagnosis, &samples.findings)))?;
+        file.write(format!("{:#}\n", magnitudes::json(&diagnosis, &samples.findings)))?;
     }
     // The remark is on the described windows; rows with times are another reference.
     let described = device.table.as_ref().and_then(|table| table.reference.as_ref());
     let described = described.filter(|_| rows.iter().all(|row| row.window_ns.is_none()));
     let caveat = described.and_then(|reference| reference.caveat.as_deref());
-    say!("{}", rates::text(&diagnosis, &samples.findings, caveat))?;
+    say!("{}", magnitudes::text(&diagnosis, &samples.findings, caveat))?;
     match diagnosis.verdict {
         Verdict::Unexplained => Err(CommandError::unexplained()),
         _ => Ok(()),

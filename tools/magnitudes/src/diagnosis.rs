@@ -12,7 +12,7 @@ use crate::model::Parameter;
 use crate::noise::{Noise, max_correlation};
 use crate::null::{Products, Thresholds, thresholds};
 use crate::observability::{Observability, observability};
-use crate::windows::{RatesError, Windows};
+use crate::windows::{MagnitudeError, Windows};
 use geu_diagnosis::Verdict;
 
 /// Minimum number of spare windows to estimate the noise.
@@ -120,7 +120,7 @@ pub struct Diagnosis {
 ///
 /// # Errors
 /// Too few windows.
-pub fn diagnose(windows: &Windows, seed: u64) -> Result<Diagnosis, RatesError> {
+pub fn diagnose(windows: &Windows, seed: u64) -> Result<Diagnosis, MagnitudeError> {
     let windows = windows.cut(PARTS);
     windows.check(MIN_SPARE)?;
     let mut accepted = Fit::none();

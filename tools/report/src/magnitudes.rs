@@ -1,10 +1,10 @@
-//! Result of a diagnosis of rates, as JSON and as text.
+//! Result of a diagnosis by magnitudes, as JSON and as text.
 
 use geu_checks::Finding;
+use geu_magnitudes::{Diagnosis, Observability, Parameter, RateResidual, Verdict, Windows};
 use geu_model::units::ARCSEC_PER_DEG;
 use geu_protocol::map;
 use geu_protocol::template::{Value, engine, filled};
-use geu_rates::{Diagnosis, Observability, Parameter, RateResidual, Verdict, Windows};
 use serde_json::{Value as Json, json};
 
 /// JSON with the keys of `geu diagnose --json`. Values without a meaning for rates are null.
@@ -162,7 +162,7 @@ pub fn text(diagnosis: &Diagnosis, findings: &[Finding], caveat: Option<&str>) -
         all: row("all", count, diagnosis.before.rms_arcsec_s, diagnosis.after.rms_arcsec_s, held_out),
         observability: diagnosis.observability.as_ref().map(|own| observability_values(own, windows)),
     };
-    filled(&engine(), include_str!("rates.txt"), &values).trim_end().to_owned()
+    filled(&engine(), include_str!("magnitudes.txt"), &values).trim_end().to_owned()
 }
 
 fn observability_values(own: &Observability, windows: &Windows) -> Value {

@@ -1,7 +1,7 @@
 //! Rates against an independent rate: injected errors are found, noise yields no error, and indistinguishable errors are reported.
 
+use geu_magnitudes::{Diagnosis, Gyro, Parameter, Verdict, Windows, diagnose};
 use geu_model::noise::NoiseStream;
-use geu_rates::{Diagnosis, Gyro, Parameter, Verdict, Windows, diagnose};
 
 fn empty() -> Windows {
     let gyros = ["X", "Y", "Z"].into_iter().zip([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);

@@ -35,7 +35,7 @@ pub struct Windows {
 
 /// Rates that cannot be compared.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum RatesError {
+pub enum MagnitudeError {
     /// Only perpendicular gyros sense the whole rate, and all errors of it.
     #[error("a reference of magnitudes: expected a unit of three gyros with perpendicular axes, got {got}")]
     Axes {
@@ -51,14 +51,14 @@ impl Windows {
     /// Without a window.
     ///
     /// # Errors
-    /// [`RatesError::Axes`].
-    pub fn new(gyros: Vec<Gyro>) -> Result<Windows, RatesError> {
+    /// [`MagnitudeError::Axes`].
+    pub fn new(gyros: Vec<Gyro>) -> Result<Windows, MagnitudeError> {
         let pairs = [(0, 1), (1, 2), (2, 0)];
         let dot = |(one, other): (usize, usize)| dot(&gyros[one].input, &gyros[other].input).abs();
         if gyros.len() != 3 || pairs.into_iter().map(dot).any(|product| product > PERPENDICULAR) {
             let axis =
                 |gyro: &Gyro| format!("{} about {}", gyro.name, gyro.input.map(|part| format!("{part:.2}")).join(" "));
-            return Err(RatesError::Axes { got: gyros.iter().map(axis).collect::<Vec<_>>().join(", ") });
+            return Err(MagnitudeError::Axes { got: gyros.iter().map(axis).collect::<Vec<_>>().join(", ") });
         }
         Ok(Windows { gyros, groups: Vec::new(), windows: Vec::new() })
     }
@@ -80,11 +80,11 @@ impl Windows {
     /// Checks that the windows suffice for a noise estimate with `spare` of them.
     ///
     /// # Errors
-    /// [`RatesError::TooFew`].
-    pub(crate) fn check(&self, spare: usize) -> Result<(), RatesError> {
+    /// [`MagnitudeError::TooFew`].
+    pub(crate) fn check(&self, spare: usize) -> Result<(), MagnitudeError> {
         let expected = self.groups.len() + self.parameters().len() + spare;
         match self.windows.len() {
-            got if got < expected => Err(RatesError::TooFew { expected, got }),
+            got if got < expected => Err(MagnitudeError::TooFew { expected, got }),
             _ => Ok(()),
         }
     }

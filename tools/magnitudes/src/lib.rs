@@ -6,7 +6,7 @@
 //! between groups, and an error is accepted only if, fitted without a group, it predicts that group ([`diagnose`]).
 //!
 //! ```
-//! use geu_rates::{Gyro, Parameter, Windows, diagnose};
+//! use geu_magnitudes::{Gyro, Parameter, Windows, diagnose};
 //! let gyros = ["X", "Y", "Z"].into_iter().zip([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
 //! let gyros = gyros.map(|(name, input)| Gyro { name: name.to_owned(), input });
 //! let mut windows = Windows::new(gyros.collect()).unwrap();
@@ -38,4 +38,4 @@ pub use geu_diagnosis::Verdict;
 pub use model::Parameter;
 pub use noise::Noise;
 pub use observability::{CandidateSpin, Observability};
-pub use windows::{Gyro, RatesError, Window, Windows};
+pub use windows::{Gyro, MagnitudeError, Window, Windows};
