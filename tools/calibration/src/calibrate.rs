@@ -11,13 +11,13 @@ use geu_model::units::ARCSEC_PER_DEG;
 use crate::counts::AccumulatedCounts;
 use crate::effects::EffectContribution;
 pub use crate::evaluation::{AttitudeSource, ConfiguredWiringFault};
-pub use described::calibrate_described;
 use crate::evaluation::{Evaluation, Observed};
 use crate::first_order;
 use crate::observe::{CompensatedCounts, ExcludedData};
 use crate::solve::{self, Observation, Solution, SolveError};
 use crate::transfer::Transfer;
 use crate::window::{self, ManoeuvreWindow};
+pub use described::calibrate_described;
 
 /// A calibration with the data it rests on.
 #[derive(Debug, Clone, PartialEq)]
@@ -47,8 +47,8 @@ pub enum CalibrateError {
     NoManoeuvres(String),
     /// Too little of a described unit's recording has a reference.
     #[error(
-        "the recording ({from_s:.1}…{to_s:.1} s) and the reference ({reference_from_s:.1}…{reference_to_s:.1} s): expected at \
-         least {min_s:.0} s in common; --start sets the start of a recording without receive times"
+        "the recording ({from_s:.1}…{to_s:.1} s) and the reference ({reference_from_s:.1}…{reference_to_s:.1} s): expected \
+         {min_s:.0} s or more in common; --start sets the start of a recording without receive times"
     )]
     NoOverlap { from_s: f64, to_s: f64, reference_from_s: f64, reference_to_s: f64, min_s: f64 },
     /// No fix of the star sensor lies in the recording.
@@ -117,7 +117,11 @@ pub fn calibrate(
             calibrated.is_settled = is_settled;
             return Ok(calibrated);
         }
-        let changes = calibrated.solution.values().into_iter().zip(solve::values_of(&calibrated.solution.parameters, &calibrations));
+        let changes = calibrated
+            .solution
+            .values()
+            .into_iter()
+            .zip(solve::values_of(&calibrated.solution.parameters, &calibrations));
         calibrated.is_settled = changes
             .zip(calibrated.solution.sigmas())
             .all(|((now, before), sigma)| (now - before).abs() < SETTLED_SIGMA * sigma);

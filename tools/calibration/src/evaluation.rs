@@ -76,7 +76,7 @@ impl<'a> Evaluation<'a> {
             }
         }
         let prior = configuration.gyros.iter().map(|gyro| gyro.calibration).collect();
-        let walks = configuration.gyros.iter().map(RandomWalks::of).collect();
+        let walks = configuration.gyros.iter().map(RandomWalks::from).collect();
         let (mut configuration, mut counts) = (Cow::Borrowed(configuration), Cow::Borrowed(counts));
         let clock_ppm = configuration.unit.constant.clock_frequency.ppm;
         if !counts.is_received && clock_ppm != 0.0 {

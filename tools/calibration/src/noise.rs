@@ -21,19 +21,21 @@ pub struct RandomWalks {
     pub correlation_time_s: f64,
 }
 
-impl RandomWalks {
-    /// Of the default unit.
-    pub fn configured(configuration: &Configuration) -> [RandomWalks; 4] {
-        std::array::from_fn(|gyro| RandomWalks::of(&configuration.gyros[gyro]))
-    }
-
-    pub fn of(gyro: &GyroConfiguration) -> RandomWalks {
+impl From<&GyroConfiguration> for RandomWalks {
+    fn from(gyro: &GyroConfiguration) -> RandomWalks {
         let effects = &gyro.effects.constant;
         RandomWalks {
             angle_arcsec_per_sqrt_s: effects.angle_random_walk.arcsec_per_sqrt_s,
             drift_arcsec_per_s_per_sqrt_s: effects.drift_random_walk.arcsec_per_s_per_sqrt_s,
             correlation_time_s: effects.drift_random_walk.correlation_time_s,
         }
+    }
+}
+
+impl RandomWalks {
+    /// Configured walks of the default unit.
+    pub fn configured(configuration: &Configuration) -> [RandomWalks; 4] {
+        std::array::from_fn(|gyro| RandomWalks::from(&configuration.gyros[gyro]))
     }
 
     /// Covariance of the angle that the angle walk gains over two intervals, arcsec².

@@ -20,6 +20,12 @@ pub fn json(calibrated: &Calibrated) -> Value {
     let Calibrated { solution, first_order, observations, left_out, reference_sigma_arcsec, time_s, is_settled, noise } =
         calibrated;
     let (sigmas, parameters) = (solution.sigmas(), &solution.parameters);
+    // Not stated of what is not determined, as NaN, which is null in JSON.
+    let mut stated = solution.covariance.clone();
+    for index in solution.open().into_iter().map(CalibrationParameter::position) {
+        stated.row_mut(index).fill(f64::NAN);
+        stated.column_mut(index).fill(f64::NAN);
+    }
     let by_parameter = |value: &dyn Fn(usize) -> Value| by_parameter(parameters, value);
     let first_order = match first_order {
         Ok(calibrations) => {
@@ -64,10 +70,11 @@ pub fn json(calibrated: &Calibrated) -> Value {
         "manoeuvres": manoeuvres,
         "left_out": self::left_out("manoeuvre", left_out),
         "parameters": parameters.iter().map(|own| own.label()).collect::<Vec<_>>(),
-        "covariance": rows(&solution.covariance),
+        "covariance": rows(&stated),
     });
     if solution.is_described() {
-        let scaled = |own: Option<(f64, f64)>, by: f64| own.map(|own| json!({ "value": own.0 * by, "sigma": own.1 * by }));
+        let scaled =
+            |own: Option<(f64, f64)>, by: f64| own.map(|own| json!({ "value": own.0 * by, "sigma": own.1 * by }));
         let [offset, clock] = solution.times();
         json["undetermined"] = solution.open().into_iter().map(|own| Value::from(own.label())).collect();
         json["time_offset_s"] = scaled(offset, 1.0).into();
@@ -144,7 +151,7 @@ fn by_parameter(parameters: &[CalibrationParameter], value: &dyn Fn(usize) -> Va
     all.collect::<Map<_, _>>().into()
 }
 
-/// Values of each gyro, with their sigmas if there is a covariance; null for those that are not determined.
+/// Values of each gyro, with their sigmas if there is a covariance; null for undetermined ones.
 pub(crate) fn gyros(
     parameters: &[CalibrationParameter],
     calibrations: &[Calibration],
@@ -158,9 +165,8 @@ pub(crate) fn gyros(
             let of = |(other, by): &(CalibrationParameter, f64)| by * covariance[(one.position(), other.position())];
             share * parts.iter().map(of).sum::<f64>()
         };
-        let sigma = covariance.map(|covariance| {
-            parts.iter().map(|part| product(covariance, part)).sum::<f64>().max(0.0).sqrt()
-        });
+        let sigma = covariance
+            .map(|covariance| parts.iter().map(|part| product(covariance, part)).sum::<f64>().max(0.0).sqrt());
         match (is_open, sigma) {
             (true, _) => json!({ "value": null, "sigma": null }),
             (false, Some(sigma)) => json!({ "value": value, "sigma": sigma }),

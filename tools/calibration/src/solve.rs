@@ -28,10 +28,8 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 use crate::noise::{ErrorTerm, RandomWalks};
 use covariance::covariances;
 pub(crate) use covariance::shared_covariance;
+pub use parameter::{BEFORE_LAUNCH, CalibrationParameter, PER_GYRO, UNKNOWNS, dot, off_axes, own_axis, sensing_axis};
 pub use redundancy::ParityOfHeads;
-pub use parameter::{
-    BEFORE_LAUNCH, CalibrationParameter, PER_GYRO, UNKNOWNS, dot, off_axes, own_axis, sensing_axis,
-};
 
 /// Share of a prior sigma from which the sigma of a parameter shows that the data do not determine it.
 const UNDETERMINED: f64 = 0.05;
@@ -43,7 +41,7 @@ pub struct Observation {
     /// Start, s since the start of the recording.
     pub start_s: f64,
     pub end_s: f64,
-    /// Length in half seconds of on-board time.
+    /// On-board time in units of 0.5 s.
     pub samples: f64,
     /// Counts of each gyro; `None` if they are unusable.
     pub counts: Vec<Option<f64>>,
@@ -77,7 +75,7 @@ pub struct Residual {
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solution {
-    /// What is solved.
+    /// The solved parameters.
     pub parameters: Vec<CalibrationParameter>,
     /// Calibration of each gyro.
     pub calibrations: Vec<Calibration>,
@@ -177,18 +175,21 @@ pub fn solve(
 }
 
 /// Solves the equations of a described unit together with its time offset and the frequency of its clock. Each parameter has a prior
-/// sigma in `sizes`, and so have offset, s, and frequency, relative, at the end: what the data do not determine keeps it.
+/// sigma in `sizes`, and so have offset, s, and frequency, relative, at the end: what the data do not determine keeps it. `about` is the
+/// solution of the pass before: a scale factor acts on the counts expected from it, since the noise of measured counts would make it smaller.
 ///
 /// # Errors
 /// [`SolveError`]: no usable data.
 pub fn solve_described(
     observations: &[Observation],
     walks: &[RandomWalks],
-    prior: &[Calibration],
+    (prior, about): (&[Calibration], &[Calibration]),
     parameters: Vec<CalibrationParameter>,
     sizes: &[f64],
 ) -> Result<Solution, SolveError> {
-    Equations::new(observations, walks, prior, parameters)?.solve(prior, sizes)
+    let mut equations = Equations::new(observations, walks, prior, parameters)?;
+    equations.expect_counts(about);
+    equations.solve(prior, sizes)
 }
 
 pub(crate) struct Equations<'a> {
@@ -280,6 +281,19 @@ impl<'a> Equations<'a> {
             leverage,
             residuals: self.residuals(&left, |row| covariance_left(row, row)),
         })
+    }
+
+    /// Lets a change of the scale factor act on the counts that calibrations expect, in place of the measured ones.
+    fn expect_counts(&mut self, about: &[Calibration]) {
+        let axes = sensing_axes(&self.parameters, about);
+        for (row, &(index, gyro)) in self.rows.iter().enumerate() {
+            let (Observation { samples, rotation_control_arcsec, .. }, own) = (&self.observations[index], &about[gyro]);
+            let column = PER_GYRO * gyro;
+            let turned = dot(axes[gyro], *rotation_control_arcsec);
+            let expected = (turned - own.drift_arcsec_per_half_s * samples) / own.scale_factor;
+            self.right[row] -= own.scale_factor * (self.design[(row, column)] - expected);
+            self.design[(row, column)] = expected;
+        }
     }
 
     /// The equations, and with `sizes` an equation for the prior of each unknown, and the unknowns of the times.

@@ -10,8 +10,8 @@ mod result;
 mod scans;
 
 use geu_model::Configuration;
-use geu_model::package::Calibration;
 use geu_model::effect::Effects;
+use geu_model::package::Calibration;
 use geu_model::sensor::SensorNumbers;
 use geu_model::units::{PPM, S_PER_DAY, SAMPLE_INTERVAL_S};
 use geu_protocol::Gyro;

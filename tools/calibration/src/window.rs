@@ -141,7 +141,7 @@ pub(crate) fn cut_evenly(counts: &AccumulatedCounts, from_s: f64, to_s: f64, mos
     };
     let window = |index: usize| {
         let [start_s, end_s] = [index, index + 1].map(|index| counts.start_s() + counts.node_s[cut(index)]);
-        ManoeuvreWindow::new(&format!("stretch {}", index + 1), start_s, end_s)
+        ManoeuvreWindow::new(&format!("window {}", index + 1), start_s, end_s)
     };
     (0..parts).map(window).collect()
 }

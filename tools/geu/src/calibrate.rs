@@ -32,7 +32,7 @@ pub struct Arguments {
     #[command(flatten)]
     unit: NamedConfigArgs,
     /// Unit of the recording: a name of `geu device list`, or a description
-    #[arg(long, value_name = "NAME|FILE", conflicts_with_all = ["fss", "sse", "compare", "update", "base"])]
+    #[arg(long, value_name = "NAME|FILE")]
     device: Option<String>,
     /// Recording of the link, CAN or serial; several are one stream
     #[arg(long, required = true, num_args = 1.., value_name = "FILE")]
@@ -63,6 +63,9 @@ pub struct Arguments {
     #[command(flatten)]
     update: Update,
 }
+
+/// Left out windows of a described unit that are printed.
+const MAX_LISTED: usize = 10;
 
 /// The attitude data of a calibration.
 enum AttitudeInput {
@@ -150,12 +153,15 @@ fn run_described(
     ];
     if let Some((option, _)) = of_default.into_iter().find(|(_, is_given)| *is_given) {
         let expected = "expected the default unit, which alone has it";
-        return Err(CommandError::input(format!("{option}: {expected}, got {name}; calibrate {name} with --reference")));
+        return Err(CommandError::input(format!(
+            "{option}: {expected}, got {name}; calibrate {name} with --reference"
+        )));
     }
     let windows = arguments.evaluation.windows()?;
     let input = AttitudeInput::read(arguments, configuration)?;
     let AttitudeInput::Reference(reference) = &input else { return Ok(()) };
-    let recording = read_device(&arguments.link, &configuration.device, arguments.evaluation.start_ns(input.start_ns()))?;
+    let recording =
+        read_device(&arguments.link, &configuration.device, arguments.evaluation.start_ns(input.start_ns()))?;
     input.check_time_system(&recording.counts)?;
     let DeviceRecording { counts, defects, outliers, left_out, .. } = recording;
     let link = arguments.link.join(" ");
@@ -183,8 +189,12 @@ fn report_results(
     calibrated: &Calibrated,
     earlier: &[PreviousCalibration],
 ) -> Result<(), CommandError> {
-    for left_out in &calibrated.left_out {
+    let listed = if unit.1.device.is_iras() { usize::MAX } else { MAX_LISTED };
+    for left_out in calibrated.left_out.iter().take(listed) {
         note(format_args!("geu: left out: {left_out}\n"));
+    }
+    if calibrated.left_out.len() > listed {
+        note(format_args!("geu: left out: {} more, which --json lists\n", calibrated.left_out.len() - listed));
     }
     let comparison = calibrate_compare::compare(earlier, calibrated)?;
     write_results(arguments, unit, calibrated, earlier, comparison.as_ref())?;

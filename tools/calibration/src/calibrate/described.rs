@@ -29,13 +29,16 @@ const FREQUENCY: f64 = 1e-3;
 /// Frequency error that receive times leave, relative.
 const RECEIVED_FREQUENCY: f64 = 1e-9;
 /// Passes: the first finds the times, the second the parameters from which the noise is known.
-const PASSES: usize = 3;
+const PASSES: usize = 4;
 /// Noise of the first pass: angle random walk, arcsec/√s, and noise of the reference, arcsec.
 const FIRST: [f64; 2] = [0.1, 1.0];
-/// Least noise, so that equations without any can be weighed: angle random walk, arcsec/√s, and noise of the reference, arcsec.
-const LEAST: [f64; 2] = [1e-4, 1e-3];
-/// Nodes over which the walk of an angle is measured.
+/// Smallest noise, so that equations without any can be weighed: angle random walk, arcsec/√s, and noise of the reference, arcsec.
+const MIN_NOISE: [f64; 2] = [1e-4, 1e-3];
+/// Nodes over which the walk of an angle is measured; an error that lasts shows over up to a quarter of the recording, if the square of its
+/// walk is this much larger there.
 const WALKED: usize = 16;
+const SHORTEST_SHARE: usize = 4;
+const LASTING: f64 = 2.0;
 
 /// Calibrates a recording of a described unit against a reference with this noise about each axis, 1 sigma, arcsec; estimated from the data
 /// if it is `None`. The effects of `configuration` are subtracted. Without `windows` the whole recording is used.
@@ -61,9 +64,11 @@ pub fn calibrate_described(
         ..*walk
     };
     let mut walks: Vec<RandomWalks> = configured.iter().map(|walk| floored(walk, FIRST[0])).collect();
-    let mut reference_sigma_arcsec = [sigma_arcsec.unwrap_or(FIRST[1]).max(LEAST[1]); 3];
-    let mut timing = [0.0; 2];
-    for pass in 1.. {
+    let mut reference_sigma_arcsec = [sigma_arcsec.unwrap_or(FIRST[1]).max(MIN_NOISE[1]); 3];
+    let (mut timing, mut about) = ([0.0; 2], prior.clone());
+    let mut pass = 0;
+    loop {
+        pass += 1;
         let effects = EffectContribution::simulate(&configuration, &counts, || steps_of_reference(&counts, reference));
         let measured = CompensatedCounts { counts: &counts, effects: effects.as_ref() };
         let selected = select(&counts, windows, reference)?;
@@ -71,14 +76,17 @@ pub fn calibrate_described(
         let usable = |gyro: usize| observations.iter().filter(|own| own.counts[gyro].is_some()).count();
         if let Some(gyro) = counts.gyros.gyros().find(|gyro| usable(gyro.index()) < MIN_PARTS) {
             let (found, name) = (usable(gyro.index()), gyro.name());
-            let why = format!("{name}: expected at least {MIN_PARTS} stretches with usable counts of it, got {found}");
+            let why = format!("{name}: expected {MIN_PARTS} windows or more with usable counts, got {found}");
             return Err(CalibrateError::Unsolvable { source: SolveError::Undetermined(vec![why]), left_out });
         }
-        let mut solution = solve_described(&observations, &walks, &prior, parameters.clone(), &sizes)
+        let mut solution = solve_described(&observations, &walks, (&prior, &about), parameters.clone(), &sizes)
             .map_err(|source| CalibrateError::Unsolvable { source, left_out: left_out.clone() })?;
-        let Some([offset, frequency]) = &mut solution.timing else { unreachable!("a described unit has times") };
-        let moved = [offset.0, frequency.0];
-        (offset.0, frequency.0) = (timing[0] + moved[0], timing[1] + moved[1]);
+        let found = solution.timing.get_or_insert_default();
+        let moved = [found[0].0, found[1].0];
+        for (total, own) in timing.iter_mut().zip(found) {
+            *total += own.0;
+            own.0 = *total;
+        }
         if pass == PASSES {
             return Ok(Calibrated {
                 solution,
@@ -91,15 +99,14 @@ pub fn calibrate_described(
                 noise: walks.iter().map(|walk| walk.angle_arcsec_per_sqrt_s).collect(),
             });
         }
-        timing = [offset.0, frequency.0];
+        about.clone_from(&solution.calibrations);
         let noise = noise(&measured, reference, &solution, moved);
-        walks = configured.iter().zip(&noise).map(|(walk, own)| floored(walk, own.0.max(LEAST[0]))).collect();
+        walks = configured.iter().zip(&noise).map(|(walk, own)| floored(walk, own.0.max(MIN_NOISE[0]))).collect();
         let white = noise.iter().map(|own| own.1).sum::<f64>() / noise.len() as f64;
-        reference_sigma_arcsec = [sigma_arcsec.unwrap_or(white.sqrt()).max(LEAST[1]); 3];
+        reference_sigma_arcsec = [sigma_arcsec.unwrap_or(white.sqrt()).max(MIN_NOISE[1]); 3];
         counts.start_ns -= (moved[0] * 1e9).round() as i64;
         counts.correct_clock(moved[1] * 1e6);
     }
-    unreachable!("the last pass returns")
 }
 
 /// Sigma of each parameter before the data, of the time offset and of the clock.
@@ -177,8 +184,13 @@ fn noise(
             let mut squares: Vec<f64> = pairs.filter_map(|own| Some((own[nodes]? - own[0]?).powi(2))).collect();
             variance(&mut squares).unwrap_or(0.0)
         };
-        let (one, many) = (over(1), over(WALKED));
-        let walk = ((many - one) / ((WALKED - 1) as f64 * interval_s)).max(0.0);
+        let one = over(1);
+        let walk_over = |nodes: usize| (over(nodes) - one) / ((nodes - 1) as f64 * interval_s);
+        // An error that lasts, such as the rounding of a steady rate, adds more over a longer time than a walk does.
+        let longer = (1..).map(|power| WALKED << power).take_while(|nodes| nodes * SHORTEST_SHARE < turned.len());
+        let walk = longer
+            .map(walk_over)
+            .fold(walk_over(WALKED).max(0.0), |walk, own| if own > LASTING * walk { own } else { walk });
         let rounding = ROUNDING_VARIANCE * (counts.rounded_to[gyro] * calibration.scale_factor).powi(2);
         (walk.sqrt(), (0.5 * (one - walk * interval_s) - rounding).max(0.0))
     };

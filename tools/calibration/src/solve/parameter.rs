@@ -75,7 +75,9 @@ impl CalibrationParameter {
         match self.index {
             0 => vec!["scale_factor"],
             1 => vec!["drift_arcsec_per_half_s"],
-            _ => MISALIGNMENTS.into_iter().zip(self.axis).filter(|(_, part)| *part != 0.0).map(|(key, _)| key).collect(),
+            _ => {
+                MISALIGNMENTS.into_iter().zip(self.axis).filter(|(_, part)| *part != 0.0).map(|(key, _)| key).collect()
+            }
         }
     }
 

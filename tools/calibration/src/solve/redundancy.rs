@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::{Equations, sensing_axes};
 
-/// Eigenvalue of M Mᵀ below which a sum of rotations is none of the motion.
+/// Eigenvalue of M Mᵀ below which a sum of rotations does not depend on the motion.
 const REDUNDANT: f64 = 1e-3;
 
 /// A sum of the rotations about the input axes that no motion changes, over each manoeuvre.

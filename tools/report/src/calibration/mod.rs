@@ -15,8 +15,8 @@ use geu_protocol::{Gyro, map};
 
 use geu_chart::Chart;
 
-pub use text::{comparison_table, table as terminal_table};
 use text::{calibrations, described_lines, gyros};
+pub use text::{comparison_table, table as terminal_table};
 
 use crate::page::{
     CHART_HINT, Provenance, date, escape, filled, fixed, html, prose, sigmas as in_sigmas, signed, significant, table,
@@ -107,8 +107,9 @@ impl CalibrationPage<'_> {
                 let none = || "–".to_owned();
                 return vec![escape(&parameter.label()), none(), unit.to_owned(), none(), none(), none(), none()];
             }
-            let hand =
-                hand.as_ref().map_or_else(|| "–".to_owned(), |hand| in_sigmas((hand[index] - solved[index]) / sigmas[index]));
+            let hand = hand
+                .as_ref()
+                .map_or_else(|| "–".to_owned(), |hand| in_sigmas((hand[index] - solved[index]) / sigmas[index]));
             vec![
                 escape(&parameter.label()),
                 value,

@@ -37,7 +37,9 @@ pub fn table(prior: &Configuration, calibrated: &Calibrated) -> String {
         let change = format!("{:+.1}", (solved[index] - before[index]) / sigmas[index]);
         match solution.is_determined(*parameter) {
             true => [parameter.label(), format!("{:.digits$}", solved[index]), sigma, unit.to_owned(), change, hand],
-            false => [parameter.label(), "not determined".to_owned(), "–".to_owned(), unit.to_owned(), "–".to_owned(), hand],
+            false => {
+                [parameter.label(), "not determined".to_owned(), "–".to_owned(), unit.to_owned(), "–".to_owned(), hand]
+            }
         }
     });
     let header = ["parameter", "value", "sigma", "unit", "change/σ", "hand method/σ"];
@@ -66,7 +68,7 @@ pub fn table(prior: &Configuration, calibrated: &Calibrated) -> String {
 /// Further results of a described unit.
 pub fn described_lines(calibrated: &Calibrated) -> Vec<String> {
     let Calibrated { solution, observations, noise, .. } = calibrated;
-    let mut lines = vec![format!("{} stretches", observations.len())];
+    let mut lines = vec![format!("{} windows", observations.len())];
     let open: Vec<String> = solution.open().into_iter().map(CalibrationParameter::label).collect();
     if !open.is_empty() {
         let largest = |axis: usize| {
@@ -74,7 +76,7 @@ pub fn described_lines(calibrated: &Calibrated) -> Vec<String> {
             turned.fold(0.0, f64::max) / ARCSEC_PER_DEG
         };
         lines.push(format!(
-            "the motion does not determine {}: within a stretch it turns by at most {:.3}, {:.3}, {:.3} deg about X, Y, Z, or about these \
+            "the motion does not determine {}: within a window it turns by at most {:.3}, {:.3}, {:.3} deg about X, Y, Z, or about these \
              axes only together",
             open.join(", "),
             largest(0),
@@ -91,7 +93,7 @@ pub fn described_lines(calibrated: &Calibrated) -> Vec<String> {
         let weights: Vec<String> =
             own.weights.iter().map(|(gyro, weight)| format!("{weight:+.3} {}", gyro.name())).collect();
         format!(
-            "parity residual of {} over a stretch: rms {:.4} arcsec, by the noise {:.4}; largest {:.1} sigma at {:.1} s",
+            "parity residual of {} over a window: rms {:.4} arcsec, by the noise {:.4}; largest {:.1} sigma at {:.1} s",
             weights.join(" "),
             own.rms_arcsec,
             own.sigma_arcsec,
