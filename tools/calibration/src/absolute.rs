@@ -31,7 +31,7 @@ pub fn with_sensors(
     windows: &[ManoeuvreWindow],
     sensors: &AbsoluteData,
     numbers: &SensorNumbers,
-    walks: &[RandomWalks; 4],
+    walks: &[RandomWalks],
     path: &GyroPath,
 ) -> (Vec<Observation>, Vec<ExcludedData>) {
     let counts = measured.counts;
@@ -84,7 +84,7 @@ fn rotation(
     to: &Station,
     roll_arcsec: (f64, f64),
     overlay: &Overlay,
-    walks: &[RandomWalks; 4],
+    walks: &[RandomWalks],
 ) -> ([f64; 3], Vec<ErrorTerm>) {
     let Overlay { counts, numbers, path, .. } = *overlay;
     // The same slits on both sides if possible, so that their own errors cancel (Casteren §5).

@@ -1,6 +1,8 @@
 //! Calibration of one recording: the windows to evaluate, the calibration parameters, and the first-order method beside
 //! them.
 
+mod described;
+
 use geu_model::Configuration;
 use geu_model::package::Calibration;
 use geu_model::sensor::SensorNumbers;
@@ -15,6 +17,7 @@ use crate::observe::{CompensatedCounts, ExcludedData};
 use crate::solve::{self, Observation, Solution, SolveError};
 use crate::transfer::Transfer;
 use crate::window::{self, ManoeuvreWindow};
+pub use described::calibrate_described;
 
 /// A calibration with the data it rests on.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,6 +33,8 @@ pub struct Calibrated {
     pub time_s: f64,
     /// True if the gyros' path and the parameters converged; always with a reference.
     pub is_settled: bool,
+    /// Angle random walk of each gyro of a described unit, arcsec/√s: the configured one, or the measured one if that is larger.
+    pub noise: Vec<f64>,
 }
 
 /// Why a recording could not be calibrated.
@@ -40,6 +45,12 @@ pub enum CalibrateError {
     /// The list has no calibration manoeuvre.
     #[error("expected calibration manoeuvres (pointing, z-scan, y-scan, x-scan, or names of your own), got only {0}")]
     NoManoeuvres(String),
+    /// Too little of a described unit's recording has a reference.
+    #[error(
+        "the recording ({from_s:.1}…{to_s:.1} s) and the reference ({reference_from_s:.1}…{reference_to_s:.1} s): expected \
+         {min_s:.0} s or more in common; --start sets the start of a recording without receive times"
+    )]
+    NoOverlap { from_s: f64, to_s: f64, reference_from_s: f64, reference_to_s: f64, min_s: f64 },
     /// No fix of the star sensor lies in the recording.
     #[error("expected fixes of the star sensor within the recording, {from_s:.1}…{to_s:.1} s, got none")]
     NoFixes {
@@ -92,7 +103,7 @@ pub fn calibrate(
         numbers = sensors.numbers;
         numbers.sse.star_arcsec = 0.0;
     }
-    let (mut calibrations, mut effects, mut settled) = (evaluation.prior, None, None);
+    let (mut calibrations, mut effects, mut settled) = (evaluation.prior.clone(), None, None);
     let mut pass = 0;
     loop {
         pass += 1;
@@ -106,7 +117,11 @@ pub fn calibrate(
             calibrated.is_settled = is_settled;
             return Ok(calibrated);
         }
-        let changes = calibrated.solution.values().into_iter().zip(solve::values(&calibrations));
+        let changes = calibrated
+            .solution
+            .values()
+            .into_iter()
+            .zip(solve::values_of(&calibrated.solution.parameters, &calibrations));
         calibrated.is_settled = changes
             .zip(calibrated.solution.sigmas())
             .all(|((now, before), sigma)| (now - before).abs() < SETTLED_SIGMA * sigma);
@@ -125,7 +140,7 @@ pub fn calibrate(
 fn solve_observed(
     evaluation: &Evaluation,
     observed: Observed,
-    prior: &[Calibration; 4],
+    prior: &[Calibration],
 ) -> Result<(Calibrated, Option<EffectContribution>), CalibrateError> {
     let (counts, Observed { observations, mut left_out, reference_sigma_arcsec, effects }) =
         (&evaluation.counts, observed);
@@ -145,6 +160,7 @@ fn solve_observed(
                 reference_sigma_arcsec,
                 time_s,
                 is_settled: true,
+                noise: Vec::new(),
             };
             Ok((calibrated, effects))
         }

@@ -228,7 +228,7 @@ pub fn drawn(unit: &Configuration, seed: u64, run: usize) -> Configuration {
         let nominal = if parameter.index == 0 { 1.0 } else { 0.0 };
         let most = BEFORE_LAUNCH[parameter.index.min(2)];
         let value = nominal + most * (2.0 * random.random::<f64>() - 1.0);
-        *parameter.value_mut(&mut configuration.gyros[parameter.gyro.index()].calibration) = value;
+        parameter.set(&mut configuration.gyros[parameter.gyro.index()].calibration, value);
     }
     for gyro in &mut configuration.gyros {
         let clearance_arcsec = &mut gyro.effects.constant.pivot_clearance.clearance_arcsec;
@@ -270,10 +270,12 @@ pub fn campaign(
             done();
             let calibrated = calibrated.map_err(|error| error.to_string())?;
             let solution = &calibrated.solution;
-            let errors = |solved: [f64; UNKNOWNS]| std::array::from_fn(|index| solved[index] - truth[index]);
+            let errors = |solved: &[f64]| std::array::from_fn(|index| solved[index] - truth[index]);
             let reduced = solution.chi2 / solution.degrees_of_freedom.max(1) as f64;
-            let first_order = calibrated.first_order.as_ref().ok().map(|first_order| errors(values(first_order)));
-            Ok(Run { errors: errors(solution.values()), sigmas: solution.sigmas(), reduced_chi2: reduced, first_order })
+            let first_order = calibrated.first_order.as_ref().ok().map(|first_order| errors(&values(first_order)));
+            let (errors, own) = (errors(&solution.values()), solution.sigmas());
+            let sigmas = std::array::from_fn(|index| own[index]);
+            Ok(Run { errors, sigmas, reduced_chi2: reduced, first_order })
         })
         .collect();
     let failed = all.iter().enumerate().filter_map(|(run, one)| Some((run, one.as_ref().err()?.clone()))).collect();
@@ -385,13 +387,13 @@ pub fn precautions(unit: &Configuration) -> Result<Vec<PrecautionResult>, Calibr
                 });
                 errors.max_by(|a, b| a.0.abs().total_cmp(&b.0.abs())).unwrap_or_default()
             });
-            let solved = solution.values();
+            let (solved, sigmas) = (solution.values(), solution.sigmas());
             Ok(PrecautionResult {
                 what,
                 length_s: AttitudeProfile::length_s(&configuration.scenario).unwrap_or(0.0),
                 equation_arcsec,
                 errors: std::array::from_fn(|index| solved[index] - true_values[index]),
-                sigmas: solution.sigmas(),
+                sigmas: std::array::from_fn(|index| sigmas[index]),
                 chi2: (solution.chi2, solution.degrees_of_freedom),
             })
         })

@@ -113,8 +113,8 @@ pub fn combine(first: &Solution, second: &Solution) -> Result<Comparison, SolveE
     let covariance = &own - &own * root.solve(&own);
     let mut combined = second.clone();
     for (index, parameter) in CalibrationParameter::all().enumerate() {
-        *parameter.value_mut(&mut combined.calibrations[parameter.gyro.index()]) =
-            values[0][index] + step[index] * scale[index];
+        let value = values[0][index] + step[index] * scale[index];
+        parameter.set(&mut combined.calibrations[parameter.gyro.index()], value);
     }
     combined.covariance = DMatrix::from_fn(UNKNOWNS, UNKNOWNS, |a, b| covariance[(a, b)] * scale[a] * scale[b]);
     let joint_chi2 = unit.dot(&root.solve(&unit));
@@ -135,10 +135,14 @@ mod tests {
     fn solution(values: [f64; UNKNOWNS], sigma: f64) -> Solution {
         let mut calibrations: [geu_model::package::Calibration; 4] = Default::default();
         for (parameter, value) in CalibrationParameter::all().zip(values) {
-            *parameter.value_mut(&mut calibrations[parameter.gyro.index()]) = value;
+            parameter.set(&mut calibrations[parameter.gyro.index()], value);
         }
         Solution {
-            calibrations,
+            parameters: CalibrationParameter::all().collect(),
+            calibrations: calibrations.to_vec(),
+            undetermined: Vec::new(),
+            timing: None,
+            parity: Vec::new(),
             covariance: DMatrix::identity(UNKNOWNS, UNKNOWNS) * sigma * sigma,
             chi2: 8.0,
             degrees_of_freedom: 8,

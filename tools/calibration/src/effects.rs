@@ -7,7 +7,7 @@ use geu_model::attitude::{AttitudeRow, RecordedAttitude};
 use geu_model::configuration::GyroConfiguration;
 use geu_model::effect::{CALIBRATION_COLUMN, UNIT_COLUMNS, WIRING_COLUMNS};
 use geu_model::package::Calibration;
-use geu_model::units::{PPM, SAMPLE_INTERVAL_S};
+use geu_model::units::PPM;
 use geu_model::{Configuration, GyroUnit, Truth};
 
 use crate::counts::{AccumulatedCounts, Interpolation};
@@ -21,9 +21,9 @@ pub const CLEARANCE_SIGMA_ARCSEC: f64 = CLEARANCE_KNOWN_ARCSEC / 1.732_050_807_5
 /// Counts that effects added, accumulated at nodes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EffectContribution {
-    accumulated: [Vec<f64>; 4],
-    /// Change per arcsecond of clearance.
-    per_clearance: [Vec<f64>; 4],
+    accumulated: Vec<Vec<f64>>,
+    /// Change per arcsecond of clearance; empty without any.
+    per_clearance: Vec<Vec<f64>>,
 }
 
 /// The motion at each node after the first: rotation about the control axes since the node before, arcsec, and θ and ψ where known.
@@ -55,19 +55,17 @@ impl EffectContribution {
             }
         }
         let per_clearance = if has_pivots {
-            let with = run(&wider, &truth, steps.len());
-            std::array::from_fn(|gyro| {
-                with[gyro].iter().zip(&accumulated[gyro]).map(|(with, without)| with - without).collect()
-            })
+            let with = run(&wider, &truth, steps.len()).into_iter().zip(&accumulated);
+            with.map(|(with, own)| with.iter().zip(own).map(|(with, without)| with - without).collect()).collect()
         } else {
             Default::default()
         };
         Some(EffectContribution { accumulated, per_clearance })
     }
 
-    /// Counts added to each gyro up to a node.
-    pub fn at_node(&self, node: usize) -> [f64; 4] {
-        self.accumulated.each_ref().map(|nodes| nodes[node])
+    /// Counts added to a gyro up to a node.
+    pub fn at_node(&self, gyro: usize, node: usize) -> f64 {
+        self.accumulated[gyro][node]
     }
 
     /// Counts added between two instants.
@@ -77,10 +75,7 @@ impl EffectContribution {
 
     /// Error between two instants from the uncertainty of the clearance.
     pub fn disturbance(&self, gyro: usize, from: &Interpolation, to: &Interpolation) -> Option<ErrorTerm> {
-        let nodes = &self.per_clearance[gyro];
-        if nodes.is_empty() {
-            return None;
-        }
+        let nodes = self.per_clearance.get(gyro)?;
         let (count, variance) = (to.apply(nodes) - from.apply(nodes), CLEARANCE_SIGMA_ARCSEC * CLEARANCE_SIGMA_ARCSEC);
         (count.abs() > 1e-6).then(|| ErrorTerm::of_count(ErrorSource::Clearance { gyro }, variance, gyro, count))
     }
@@ -91,7 +86,7 @@ pub fn float_motion(
     calibrations: &[Calibration; 4],
     clearance_arcsec: &[f64; 4],
     steps: &MotionSteps,
-) -> Option<[Vec<f64>; 4]> {
+) -> Option<Vec<Vec<f64>>> {
     if clearance_arcsec.iter().all(|&clearance| clearance == 0.0) {
         return None;
     }
@@ -107,7 +102,7 @@ pub fn float_motion(
 /// Ends of the model's own samples, so that it meets the motion where the unit met it, whatever the clocks of the
 /// receive times.
 fn ends_s(configuration: &Configuration, samples: usize) -> Vec<f64> {
-    let length_s = SAMPLE_INTERVAL_S / (1.0 + configuration.unit.constant.clock_frequency.ppm * PPM);
+    let length_s = configuration.device.interval_s / (1.0 + configuration.unit.constant.clock_frequency.ppm * PPM);
     (0..=samples).map(|node| node as f64 * length_s).collect()
 }
 
@@ -120,9 +115,9 @@ fn moved(times_s: &[f64], steps: &MotionSteps) -> Option<Truth> {
 }
 
 /// Accumulated changes by every effect of unit and gyros.
-fn run(configuration: &Configuration, truth: &Truth, samples: usize) -> [Vec<f64>; 4] {
+fn run(configuration: &Configuration, truth: &Truth, samples: usize) -> Vec<Vec<f64>> {
     let mut unit = GyroUnit::on(configuration, truth);
-    let mut accumulated: [Vec<f64>; 4] = std::array::from_fn(|_| vec![0.0]);
+    let mut accumulated = vec![vec![0.0]; configuration.device.heads.len()];
     for _ in 0..samples {
         let (_, traces) = unit.end_sample_traced();
         for (sums, trace) in accumulated.iter_mut().zip(&traces) {

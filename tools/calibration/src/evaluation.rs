@@ -7,7 +7,6 @@ use geu_model::Configuration;
 use geu_model::effect::WiringEffects;
 use geu_model::package::Calibration;
 use geu_model::sensor::SensorNumbers;
-use geu_protocol::Gyro;
 use geu_recording::ReferenceAttitude;
 
 use crate::absolute::{self, AbsoluteData, GyroPath};
@@ -44,9 +43,9 @@ pub(crate) struct Evaluation<'a> {
     pub configuration: Cow<'a, Configuration>,
     pub counts: Cow<'a, AccumulatedCounts>,
     pub attitude: &'a AttitudeSource<'a>,
-    /// The configured calibration.
-    pub prior: [Calibration; 4],
-    pub walks: [RandomWalks; 4],
+    /// The configured calibration of each gyro.
+    pub prior: Vec<Calibration>,
+    pub walks: Vec<RandomWalks>,
 }
 
 /// The observations that one calibration gives.
@@ -70,14 +69,14 @@ impl<'a> Evaluation<'a> {
         if counts.len() < 4 {
             return Err(CalibrateError::TooShort(counts.len()));
         }
-        for (own, gyro) in configuration.gyros.iter().zip(Gyro::ALL) {
+        for (own, gyro) in configuration.gyros.iter().zip(configuration.device.gyros()) {
             if let Some(index) = (0..WiringEffects::SPECS.len()).find(|&index| own.wiring.has(index)) {
                 let code = WiringEffects::SPECS[index].code;
                 return Err(ConfiguredWiringFault { gyro: gyro.name(), code }.into());
             }
         }
-        let prior = configuration.calibrations();
-        let walks = RandomWalks::configured(configuration);
+        let prior = configuration.gyros.iter().map(|gyro| gyro.calibration).collect();
+        let walks = configuration.gyros.iter().map(RandomWalks::from).collect();
         let (mut configuration, mut counts) = (Cow::Borrowed(configuration), Cow::Borrowed(counts));
         let clock_ppm = configuration.unit.constant.clock_frequency.ppm;
         if !counts.is_received && clock_ppm != 0.0 {
@@ -96,7 +95,7 @@ impl<'a> Evaluation<'a> {
     /// star fixes; `numbers` are the sensors' errors.
     pub fn observe(
         &self,
-        calibrations: &[Calibration; 4],
+        calibrations: &[Calibration],
         numbers: &SensorNumbers,
         effects: Option<&EffectContribution>,
         windows: impl FnOnce(
@@ -139,7 +138,7 @@ impl<'a> Evaluation<'a> {
     }
 }
 
-fn steps_of_reference(counts: &AccumulatedCounts, reference: &ReferenceAttitude) -> MotionSteps {
+pub(crate) fn steps_of_reference(counts: &AccumulatedCounts, reference: &ReferenceAttitude) -> MotionSteps {
     let (truth, offset_s, mut near) = (&reference.truth, counts.offset_s(reference), 0);
     let mut before = truth.at(counts.node_s[0] + offset_s, &mut near).0;
     counts.node_s[1..]

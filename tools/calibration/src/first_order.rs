@@ -8,7 +8,7 @@ use geu_model::units::{ARCSEC_PER_DEG, ARCSEC_PER_RAD};
 use geu_protocol::Gyro;
 use nalgebra::{DMatrix, DVector};
 
-use crate::solve::{CalibrationParameter, Observation, off_axes, own_axis};
+use crate::solve::{Observation, off_axes, own_axis};
 
 /// A manoeuvre that turns less than this about every axis is a pointing: with misalignments of an arcminute what eq 4
 /// drops is below a tenth of an arcsecond.
@@ -32,8 +32,8 @@ fn axis_served(observation: &Observation) -> Option<usize> {
 ///
 /// # Errors
 /// The missing kind of manoeuvre.
-pub fn solve(observations: &[Observation], prior: &[Calibration; 4]) -> Result<[Calibration; 4], String> {
-    let mut calibrations = *prior;
+pub fn solve(observations: &[Observation], prior: &[Calibration]) -> Result<[Calibration; 4], String> {
+    let mut calibrations = std::array::from_fn(|gyro| prior[gyro]);
     for gyro in Gyro::ALL {
         solve_gyro(gyro, observations, &mut calibrations[gyro.index()])?;
     }
@@ -75,8 +75,8 @@ fn solve_gyro(gyro: Gyro, observations: &[Observation], calibration: &mut Calibr
             return missing(&format!("manoeuvre about {}", ["X", "Y", "Z"][axis]));
         }
         known_rad[axis] = sums.0 / sums.1;
-        let index = 2 + usize::from(off[1] == axis);
-        *CalibrationParameter { gyro, index }.value_mut(calibration) = known_rad[axis] * ARCSEC_PER_RAD;
+        let Calibration { x_arcsec, y_arcsec, z_arcsec, .. } = calibration;
+        *[x_arcsec, y_arcsec, z_arcsec][axis] = known_rad[axis] * ARCSEC_PER_RAD;
     }
     Ok(())
 }

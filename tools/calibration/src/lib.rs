@@ -22,7 +22,7 @@ pub mod transfer;
 pub mod update;
 pub mod window;
 
-pub use calibrate::{AttitudeSource, CalibrateError, Calibrated, calibrate};
+pub use calibrate::{AttitudeSource, CalibrateError, Calibrated, calibrate, calibrate_described};
 pub use compare::{Comparison, PreviousCalibration, combine, compare};
 pub use counts::{
     AccumulatedCounts, BreakKind, CountsReader, DeviceCountsReader, DeviceRecording, Discontinuity, Interpolation,

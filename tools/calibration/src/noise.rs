@@ -4,6 +4,8 @@
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 use geu_model::Configuration;
+use geu_model::configuration::GyroConfiguration;
+use geu_model::device::MAX_HEADS;
 
 /// Variance of one rounding of an accumulated angle, count²: uniform over a count.
 pub const ROUNDING_VARIANCE: f64 = 1.0 / 12.0;
@@ -19,16 +21,21 @@ pub struct RandomWalks {
     pub correlation_time_s: f64,
 }
 
+impl From<&GyroConfiguration> for RandomWalks {
+    fn from(gyro: &GyroConfiguration) -> RandomWalks {
+        let effects = &gyro.effects.constant;
+        RandomWalks {
+            angle_arcsec_per_sqrt_s: effects.angle_random_walk.arcsec_per_sqrt_s,
+            drift_arcsec_per_s_per_sqrt_s: effects.drift_random_walk.arcsec_per_s_per_sqrt_s,
+            correlation_time_s: effects.drift_random_walk.correlation_time_s,
+        }
+    }
+}
+
 impl RandomWalks {
+    /// Configured walks of the default unit.
     pub fn configured(configuration: &Configuration) -> [RandomWalks; 4] {
-        std::array::from_fn(|gyro| {
-            let effects = &configuration.gyros[gyro].effects.constant;
-            RandomWalks {
-                angle_arcsec_per_sqrt_s: effects.angle_random_walk.arcsec_per_sqrt_s,
-                drift_arcsec_per_s_per_sqrt_s: effects.drift_random_walk.arcsec_per_s_per_sqrt_s,
-                correlation_time_s: effects.drift_random_walk.correlation_time_s,
-            }
-        })
+        std::array::from_fn(|gyro| RandomWalks::from(&configuration.gyros[gyro]))
     }
 
     /// Covariance of the angle that the angle walk gains over two intervals, arcsec².
@@ -104,7 +111,7 @@ pub struct ErrorTerm {
     pub source: ErrorSource,
     pub variance: f64,
     /// Counts of each gyro per unit of the error.
-    pub counts: [f64; 4],
+    pub counts: [f64; MAX_HEADS],
     /// Rotation about the control axes per unit of the error, arcsec.
     pub rotation_control_arcsec: [f64; 3],
 }
@@ -112,14 +119,14 @@ pub struct ErrorTerm {
 impl ErrorTerm {
     /// An error of one gyro's counts.
     pub(crate) fn of_count(source: ErrorSource, variance: f64, gyro: usize, count: f64) -> ErrorTerm {
-        let mut counts = [0.0; 4];
+        let mut counts = [0.0; MAX_HEADS];
         counts[gyro] = count;
         ErrorTerm { source, variance, counts, rotation_control_arcsec: [0.0; 3] }
     }
 
     /// An error of the rotation about the control axes.
     pub(crate) fn of_rotation(source: ErrorSource, variance: f64, rotation_control_arcsec: [f64; 3]) -> ErrorTerm {
-        ErrorTerm { source, variance, counts: [0.0; 4], rotation_control_arcsec }
+        ErrorTerm { source, variance, counts: [0.0; MAX_HEADS], rotation_control_arcsec }
     }
 }
 

@@ -1,6 +1,7 @@
 //! Observations: the counts of a manoeuvre between two instants and its rotation, and the data that cannot be used.
 
 use geu_model::package::Calibration;
+use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::Gyro;
 use geu_recording::ReferenceAttitude;
 
@@ -36,10 +37,14 @@ pub struct CompensatedCounts<'a> {
 }
 
 impl CompensatedCounts<'_> {
-    /// Counts of each gyro up to a node.
+    /// Counts of each gyro of the default unit up to a node.
     pub fn at_node(&self, node: usize) -> [f64; 4] {
-        let added = self.effects.map_or([0.0; 4], |effects| effects.at_node(node));
-        std::array::from_fn(|gyro| self.counts.accumulated[gyro][node] - added[gyro])
+        std::array::from_fn(|gyro| self.of_gyro(gyro, node))
+    }
+
+    /// Counts of a gyro up to a node.
+    pub fn of_gyro(&self, gyro: usize, node: usize) -> f64 {
+        self.counts.accumulated[gyro][node] - self.effects.map_or(0.0, |effects| effects.at_node(gyro, node))
     }
 
     /// Counts of a gyro between two instants.
@@ -60,19 +65,23 @@ impl CompensatedCounts<'_> {
         [start_s, end_s]: [f64; 2],
         left_out: &mut Vec<ExcludedData>,
     ) -> Result<Observation, String> {
-        let breaks: [Option<&Discontinuity>; 4] = std::array::from_fn(|gyro| self.counts.broken(gyro, from, to));
+        let AccumulatedCounts { gyros, interval_s, rounded_to, .. } = self.counts;
+        let breaks: Vec<Option<&Discontinuity>> =
+            (0..gyros.heads()).map(|gyro| self.counts.broken(gyro, from, to)).collect();
         if let Some(first) = breaks[0].filter(|&first| breaks.iter().all(|found| *found == Some(first))) {
             return Err(self.counts.describe(first));
         }
         let mut disturbances = Vec::new();
-        let counts = std::array::from_fn(|gyro| {
+        let counts = gyros.gyros().map(|name| {
+            let gyro = name.index();
             if let Some(broken) = breaks[gyro] {
-                left_out.push(window.excluded(Some(Gyro::ALL[gyro]), self.counts.describe(broken)));
+                left_out.push(window.excluded(Some(name), self.counts.describe(broken)));
                 return None;
             }
             for (end, sign) in [(to, 1.0), (from, -1.0)] {
                 disturbances.extend(end.nodes().map(|(node, weight)| {
-                    ErrorTerm::of_count(ErrorSource::Rounding { gyro, node }, ROUNDING_VARIANCE, gyro, sign * weight)
+                    let variance = ROUNDING_VARIANCE * rounded_to[gyro].powi(2);
+                    ErrorTerm::of_count(ErrorSource::Rounding { gyro, node }, variance, gyro, sign * weight)
                 }));
             }
             disturbances.extend(self.effects.and_then(|effects| effects.disturbance(gyro, from, to)));
@@ -82,9 +91,10 @@ impl CompensatedCounts<'_> {
             name: window.name.clone(),
             start_s,
             end_s,
-            samples: to.samples - from.samples,
-            counts,
+            samples: (to.samples - from.samples) * (interval_s / SAMPLE_INTERVAL_S),
+            counts: counts.collect(),
             rotation_control_arcsec: [0.0; 3],
+            timing_control_arcsec: Default::default(),
             disturbances,
         })
     }
@@ -112,6 +122,9 @@ pub(crate) fn micros(t_s: f64) -> i64 {
 
 /// Extrapolation of a reference at its ends, s: the error of receive times.
 const BEYOND_S: f64 = 0.05;
+
+/// Half of the interval over which a rate of the reference is taken, s.
+const RATE_S: f64 = 0.02;
 
 /// Observations of `windows` with the rotations of a reference attitude, whose noise about each axis is `sigma_arcsec`.
 /// Windows start and end at the nearest node, where counts need no interpolation.
@@ -146,6 +159,7 @@ pub fn with_reference(
         let mut observation =
             measured.observe(window, [&counts.at_node(from), &counts.at_node(to)], nodes_s, left_out)?;
         observation.rotation_control_arcsec = std::array::from_fn(|axis| after[axis] - before[axis]);
+        observation.timing_control_arcsec = timing(reference, [from, to].map(|node| counts.node_s[node]), offset_s);
         for (axis, sigma_arcsec) in sigma_arcsec.into_iter().enumerate().filter(|(_, sigma)| *sigma > 0.0) {
             for (t_s, sign) in ends_s.into_iter().zip([-1.0, 1.0]) {
                 let mut rotation = [0.0; 3];
@@ -156,6 +170,19 @@ pub fn with_reference(
         }
         Ok(observation)
     })
+}
+
+/// Change of the rotation between two instants with a time offset of the counts, arcsec/s, and with the frequency error of a clock that
+/// starts with them, arcsec.
+fn timing(reference: &ReferenceAttitude, ends_s: [f64; 2], offset_s: f64) -> [[f64; 3]; 2] {
+    let (truth, mut near) = (&reference.truth, 0);
+    let [first, last] = ends_s.map(|t_s| {
+        let at_s = (t_s + offset_s).clamp(truth.start_s() + RATE_S, truth.end_s() - RATE_S);
+        let [before, after] = [-RATE_S, RATE_S].map(|by_s| truth.at(at_s + by_s, &mut near).0);
+        std::array::from_fn::<f64, 3, _>(|axis| (after[axis] - before[axis]) / (2.0 * RATE_S))
+    });
+    let between = |[from, to]: [f64; 2]| std::array::from_fn(|axis| to * last[axis] - from * first[axis]);
+    [between([1.0; 2]), between(ends_s)]
 }
 
 pub(crate) const TOO_SHORT: &str = "it is shorter than two samples";
@@ -172,12 +199,27 @@ pub(crate) fn outside(counts: &AccumulatedCounts, window: &ManoeuvreWindow) -> S
 /// Mean square of a normal deviate without the largest hundredth of its squares.
 const TRIMMED: f64 = 0.9247;
 
+/// Mean without the largest hundredth, since gaps and jumps are no noise; `None` for fewer than 100 squares.
+fn trimmed_mean(squares: &mut [f64]) -> Option<f64> {
+    let kept = squares.len() * 99 / 100;
+    if squares.len() < 100 {
+        return None;
+    }
+    squares.select_nth_unstable_by(kept, f64::total_cmp);
+    Some(squares[..kept].iter().sum::<f64>() / kept as f64)
+}
+
+/// Variance of differences of a noise, from their squares; `None` for fewer than 100.
+pub(crate) fn variance(squares: &mut [f64]) -> Option<f64> {
+    Some(trimmed_mean(squares)? / TRIMMED)
+}
+
 /// Estimates the white noise of a reference about each control axis, arcsec, from its second differences against the
 /// counts, in which motion, drift and scale factors cancel. Noise below 0.2″ over the rounding counts as 0.
 pub fn reference_sigma_arcsec(
     counts: &AccumulatedCounts,
     reference: &ReferenceAttitude,
-    calibrations: &[Calibration; 4],
+    calibrations: &[Calibration],
 ) -> [f64; 3] {
     let (truth, offset_s) = (&reference.truth, counts.offset_s(reference));
     let mut sigmas = [0.0; 3];
@@ -193,13 +235,8 @@ pub fn reference_sigma_arcsec(
             .collect();
         let mut squares: Vec<f64> =
             difference.windows(3).filter_map(|of| Some((of[0]? - 2.0 * of[1]? + of[2]?).powi(2))).collect();
-        if squares.len() < 100 {
-            continue;
-        }
-        // Without the largest hundredth: gaps and jumps are no noise.
-        let kept = squares.len() * 99 / 100;
-        squares.select_nth_unstable_by(kept, f64::total_cmp);
-        let variance = squares[..kept].iter().sum::<f64>() / kept as f64 / (6.0 * TRIMMED) - ROUNDING_VARIANCE;
+        let Some(mean) = trimmed_mean(&mut squares) else { continue };
+        let variance = mean / (6.0 * TRIMMED) - ROUNDING_VARIANCE;
         sigmas[axis] = if variance > 0.04 { variance.sqrt() } else { 0.0 };
     }
     sigmas

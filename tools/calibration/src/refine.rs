@@ -6,8 +6,8 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::noise::RandomWalks;
 use crate::solve::{
-    CalibrationParameter, Equations, LeastSquaresFit, Observation, Residual, SolveError, fit, root, shared_covariance,
-    values,
+    CalibrationParameter, Equations, LeastSquaresFit, Observation, Residual, SolveError, fit, root, sensing_axes,
+    shared_covariance, values,
 };
 
 /// Standard deviation of a configured parameter before the data.
@@ -46,7 +46,7 @@ const END_S: f64 = 1.0;
 /// [`SolveError::NotFinite`].
 pub fn refine(
     observations: &[Observation],
-    walks: &[RandomWalks; 4],
+    walks: &[RandomWalks],
     prior_values: &[Calibration; 4],
     priors: &[Prior],
 ) -> Result<Refined, SolveError> {
@@ -56,7 +56,9 @@ pub fn refine(
             *counts = None;
         }
     }
-    let equations = Equations::new(&observations, walks, prior_values)?;
+    let parameters: Vec<_> = CalibrationParameter::all().collect();
+    let axes = sensing_axes(&parameters, prior_values);
+    let equations = Equations::new(&observations, walks, prior_values, parameters)?;
     let (rows, all) = (equations.rows.len(), equations.rows.len() + priors.len());
     let mut design = DMatrix::zeros(all, priors.len());
     let mut right = DVector::zeros(all);
@@ -67,6 +69,7 @@ pub fn refine(
     covariance.view_mut((0, 0), (rows, rows)).copy_from(&shared_covariance(
         &observations,
         &equations.rows,
+        &axes,
         prior_values,
     ));
     for (index, Prior { parameter, sigma }) in priors.iter().enumerate() {
@@ -109,7 +112,8 @@ pub fn refine(
         covariance.view((0, 0), (rows, rows)) - observed * &solved_covariance * observed.transpose();
     let mut calibrations = *prior_values;
     for (Prior { parameter, .. }, change) in priors.iter().zip(solved.iter()) {
-        *parameter.value_mut(&mut calibrations[parameter.gyro.index()]) += change;
+        let own = &mut calibrations[parameter.gyro.index()];
+        parameter.set(own, parameter.value(own) + change);
     }
     Ok(Refined {
         calibrations,

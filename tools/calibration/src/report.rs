@@ -1,6 +1,7 @@
 //! A calibration as JSON, as values for a configuration, and read back from JSON.
 
 use geu_model::package::Calibration;
+use geu_model::parameter_spec::ParameterSet;
 use geu_protocol::Gyro;
 use nalgebra::DMatrix;
 use serde_json::{Map, Value, json};
@@ -8,20 +9,29 @@ use serde_json::{Map, Value, json};
 use crate::calibrate::Calibrated;
 use crate::compare::{Comparison, PreviousCalibration};
 use crate::observe::ExcludedData;
-use crate::solve::{CalibrationParameter, Solution, UNKNOWNS, off_axes, values};
+use crate::solve::{
+    CalibrationParameter, Observation, PER_GYRO, ParityOfHeads, Solution, UNKNOWNS, off_axes, values_of,
+};
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// The JSON that `geu calibrate --json` writes.
 pub fn json(calibrated: &Calibrated) -> Value {
-    let Calibrated { solution, first_order, observations, left_out, reference_sigma_arcsec, time_s, is_settled } =
+    let Calibrated { solution, first_order, observations, left_out, reference_sigma_arcsec, time_s, is_settled, noise } =
         calibrated;
-    let sigmas = solution.sigmas();
+    let (sigmas, parameters) = (solution.sigmas(), &solution.parameters);
+    // Not stated of what is not determined, as NaN, which is null in JSON.
+    let mut stated = solution.covariance.clone();
+    for index in solution.open().into_iter().map(CalibrationParameter::position) {
+        stated.row_mut(index).fill(f64::NAN);
+        stated.column_mut(index).fill(f64::NAN);
+    }
+    let by_parameter = |value: &dyn Fn(usize) -> Value| by_parameter(parameters, value);
     let first_order = match first_order {
         Ok(calibrations) => {
-            let (first_order, full) = (values(calibrations), solution.values());
+            let (first_order, full) = (values_of(parameters, calibrations), solution.values());
             let difference = |index: usize| json!((first_order[index] - full[index]) / sigmas[index]);
-            json!({ "gyros": gyros(calibrations, None), "difference_sigmas": by_parameter(difference) })
+            json!({ "gyros": gyros(parameters, calibrations, None, &[]), "difference_sigmas": by_parameter(&difference) })
         }
         Err(why) => json!({ "gyros": null, "why": why }),
     };
@@ -45,10 +55,10 @@ pub fn json(calibrated: &Calibrated) -> Value {
             })
         })
         .collect();
-    json!({
+    let mut json = json!({
         "time_s": time_s,
         "settled": is_settled,
-        "gyros": gyros(&solution.calibrations, Some(&sigmas)),
+        "gyros": gyros(parameters, &solution.calibrations, Some(&solution.covariance), &solution.undetermined),
         "chi2": {
             "value": solution.chi2,
             "dof": solution.degrees_of_freedom,
@@ -59,13 +69,39 @@ pub fn json(calibrated: &Calibrated) -> Value {
         "reference_sigma_arcsec": reference_sigma_arcsec.iter().all(|sigma| sigma.is_finite()).then_some(reference_sigma_arcsec),
         "manoeuvres": manoeuvres,
         "left_out": self::left_out("manoeuvre", left_out),
-        "parameters": CalibrationParameter::all().map(CalibrationParameter::label).collect::<Vec<_>>(),
-        "covariance": rows(&solution.covariance),
+        "parameters": parameters.iter().map(|own| own.label()).collect::<Vec<_>>(),
+        "covariance": rows(&stated),
+    });
+    if solution.is_described() {
+        let scaled =
+            |own: Option<(f64, f64)>, by: f64| own.map(|own| json!({ "value": own.0 * by, "sigma": own.1 * by }));
+        let [offset, clock] = solution.times();
+        json["undetermined"] = solution.open().into_iter().map(|own| Value::from(own.label())).collect();
+        json["time_offset_s"] = scaled(offset, 1.0).into();
+        json["clock_ppm"] = scaled(clock, 1e6).into();
+        let noise = parameters.iter().step_by(PER_GYRO).zip(noise);
+        json["angle_random_walk_arcsec_per_sqrt_s"] =
+            noise.map(|(own, walk)| (own.gyro.name().to_owned(), json!(walk))).collect::<Map<_, _>>().into();
+        json["parity"] = solution.parity.iter().map(|own| parity(own, &observations[own.largest])).collect();
+    }
+    json
+}
+
+/// A parity residual.
+fn parity(own: &ParityOfHeads, largest: &Observation) -> Value {
+    let weights = own.weights.iter().map(|(gyro, weight)| (gyro.name().to_owned(), json!(weight)));
+    json!({
+        "weights": weights.collect::<Map<_, _>>(),
+        "rms_arcsec": own.rms_arcsec,
+        "sigma_arcsec": own.sigma_arcsec,
+        "largest_sigmas": own.largest_sigmas,
+        "largest_at_s": largest.start_s,
     })
 }
 
 /// The comparison with earlier calibrations, which is added to that JSON as `comparison`.
 pub fn comparison(earlier: &[PreviousCalibration], comparison: &Comparison) -> Value {
+    let combined = &comparison.combined;
     let is_compatible = comparison.is_compatible();
     json!({
         "earlier": earlier.iter().map(|one| json!({ "file": one.name, "time_s": one.time_s })).collect::<Vec<_>>(),
@@ -76,7 +112,7 @@ pub fn comparison(earlier: &[PreviousCalibration], comparison: &Comparison) -> V
         },
         "compatible": is_compatible,
         "moved": comparison.moved().into_iter().map(CalibrationParameter::label).collect::<Vec<_>>(),
-        "parameters": by_parameter(|index| json!({
+        "parameters": by_parameter(&combined.parameters, &|index| json!({
             "change": comparison.change[index],
             "sigma": comparison.sigmas[index],
             "chi2": comparison.chi2[index],
@@ -84,8 +120,8 @@ pub fn comparison(earlier: &[PreviousCalibration], comparison: &Comparison) -> V
             "probability": comparison.probability(index),
         })),
         "merged": is_compatible.then(|| json!({
-            "gyros": gyros(&comparison.combined.calibrations, Some(&comparison.combined.sigmas())),
-            "covariance": rows(&comparison.combined.covariance),
+            "gyros": gyros(&combined.parameters, &combined.calibrations, Some(&combined.covariance), &[]),
+            "covariance": rows(&combined.covariance),
         })),
     })
 }
@@ -110,29 +146,48 @@ pub(crate) fn rows(matrix: &DMatrix<f64>) -> Vec<Vec<f64>> {
 }
 
 /// A value for each parameter, by its index.
-fn by_parameter(value: impl Fn(usize) -> Value) -> Value {
-    let all = CalibrationParameter::all().map(|parameter| (parameter.label(), value(parameter.position())));
+fn by_parameter(parameters: &[CalibrationParameter], value: &dyn Fn(usize) -> Value) -> Value {
+    let all = parameters.iter().map(|parameter| (parameter.label(), value(parameter.position())));
     all.collect::<Map<_, _>>().into()
 }
 
-/// Values of each gyro, with their sigmas if there are any.
-pub(crate) fn gyros(calibrations: &[Calibration; 4], sigmas: Option<&[f64; UNKNOWNS]>) -> Value {
-    let value = |gyro: Gyro, index: usize| {
-        let parameter = CalibrationParameter { gyro, index };
-        let value = parameter.value(&calibrations[gyro.index()]);
-        match sigmas {
-            Some(sigmas) => json!({ "value": value, "sigma": sigmas[parameter.position()] }),
-            None => json!({ "value": value }),
+/// Values of each gyro, with their sigmas if there is a covariance; null for undetermined ones.
+pub(crate) fn gyros(
+    parameters: &[CalibrationParameter],
+    calibrations: &[Calibration],
+    covariance: Option<&DMatrix<f64>>,
+    undetermined: &[bool],
+) -> Value {
+    // A number with the parameters that make it up and their shares.
+    let number = |value: f64, parts: &[(CalibrationParameter, f64)]| {
+        let is_open = parts.iter().any(|(own, _)| undetermined.get(own.position()).copied().unwrap_or(false));
+        let product = |covariance: &DMatrix<f64>, (one, share): &(CalibrationParameter, f64)| -> f64 {
+            let of = |(other, by): &(CalibrationParameter, f64)| by * covariance[(one.position(), other.position())];
+            share * parts.iter().map(of).sum::<f64>()
+        };
+        let sigma = covariance
+            .map(|covariance| parts.iter().map(|part| product(covariance, part)).sum::<f64>().max(0.0).sqrt());
+        match (is_open, sigma) {
+            (true, _) => json!({ "value": null, "sigma": null }),
+            (false, Some(sigma)) => json!({ "value": value, "sigma": sigma }),
+            (false, None) => json!({ "value": value }),
         }
     };
-    let gyros = Gyro::ALL.into_iter().map(|gyro| {
-        let [first, second] = off_axes(gyro).map(|axis| AXES[axis]);
-        let own = json!({
-            "scale_factor": value(gyro, 0),
-            "drift_arcsec_per_half_s": value(gyro, 1),
-            "misalignment_arcsec": { first: value(gyro, 2), second: value(gyro, 3) },
+    let gyros = parameters.chunks(PER_GYRO).map(|own| {
+        let calibration = &calibrations[own[0].gyro.index()];
+        let alone = |index: usize| number(own[index].value(calibration), &[(own[index], 1.0)]);
+        let projections = [calibration.x_arcsec, calibration.y_arcsec, calibration.z_arcsec];
+        let misalignments = (0..3).filter_map(|axis| {
+            let parts: Vec<_> =
+                own[2..].iter().filter(|one| one.axis[axis] != 0.0).map(|one| (*one, one.axis[axis])).collect();
+            (!parts.is_empty()).then(|| (AXES[axis].to_owned(), number(projections[axis], &parts)))
         });
-        (gyro.name().to_owned(), own)
+        let values = json!({
+            "scale_factor": alone(0),
+            "drift_arcsec_per_half_s": alone(1),
+            "misalignment_arcsec": misalignments.collect::<Map<_, _>>(),
+        });
+        (own[0].gyro.name().to_owned(), values)
     });
     gyros.collect::<Map<_, _>>().into()
 }
@@ -140,16 +195,22 @@ pub(crate) fn gyros(calibrations: &[Calibration; 4], sigmas: Option<&[f64; UNKNO
 /// Values of the parameters as `PATH = VALUE` for a configuration, to a thousandth of the best sigma that data can give.
 pub fn overrides(
     parameters: impl IntoIterator<Item = CalibrationParameter>,
-    calibrations: &[Calibration; 4],
+    calibrations: &[Calibration],
 ) -> Vec<String> {
-    parameters
-        .into_iter()
-        .map(|parameter| {
-            let value = parameter.value(&calibrations[parameter.gyro.index()]);
-            let digits = [11, 8, 5][parameter.index.min(2)];
-            format!("gyro.{}.calibration.{} = {value:.digits$}", parameter.gyro.name(), parameter.key())
-        })
-        .collect()
+    let mut lines = Vec::new();
+    for parameter in parameters {
+        let (gyro, digits) = (parameter.gyro, [11, 8, 5][parameter.index.min(2)]);
+        for key in parameter.keys() {
+            let number = Calibration::NUMBERS.iter().position(|own| own.name == key).unwrap_or_default();
+            let value = calibrations[gyro.index()].value(number);
+            let line = format!("gyro.{}.calibration.{key} = {value:.digits$}", gyro.name());
+            // Both misalignments of a skewed head change all projections.
+            if !lines.contains(&line) {
+                lines.push(line);
+            }
+        }
+    }
+    lines
 }
 
 pub const NO_SIGMAS: Calibration =
@@ -182,20 +243,21 @@ pub fn calibrations(json: &Value) -> Result<([Calibration; 4], [Calibration; 4])
     let (mut calibrations, mut sigmas) = ([Calibration::default(); 4], [NO_SIGMAS; 4]);
     for parameter in CalibrationParameter::all() {
         let gyro = parameter.gyro;
+        let key = parameter.keys()[0];
         let path = match parameter.index {
-            0 | 1 => format!("gyros.{}.{}", gyro.name(), parameter.key()),
+            0 | 1 => format!("gyros.{}.{key}", gyro.name()),
             index => {
                 format!("gyros.{}.misalignment_arcsec.{}", gyro.name(), AXES[off_axes(gyro)[index - 2]])
             }
         };
-        let limits = Calibration::NUMBERS.iter().find(|limits| limits.name == parameter.key());
+        let limits = Calibration::NUMBERS.iter().find(|limits| limits.name == key);
         let (min, max, expected) = limits
             .map_or((f64::MIN, f64::MAX, "a number".to_owned()), |limits| (limits.min, limits.max, limits.limits()));
-        *parameter.value_mut(&mut calibrations[gyro.index()]) =
-            number(json, &format!("{path}.value"), min, max, &expected)?;
+        let value = number(json, &format!("{path}.value"), min, max, &expected)?;
+        parameter.set(&mut calibrations[gyro.index()], value);
         if json.pointer(&format!("/{}/sigma", path.replace('.', "/"))).is_some() {
-            *parameter.value_mut(&mut sigmas[gyro.index()]) =
-                number(json, &format!("{path}.sigma"), 0.0, f64::MAX, "0 or more")?;
+            let sigma = number(json, &format!("{path}.sigma"), 0.0, f64::MAX, "0 or more")?;
+            parameter.set(&mut sigmas[gyro.index()], sigma);
         }
     }
     Ok((calibrations, sigmas))
@@ -225,7 +287,11 @@ pub fn earlier(name: &str, json: &Value) -> Result<PreviousCalibration, FieldErr
         }
     }
     let solution = Solution {
-        calibrations: calibrations(json)?.0,
+        parameters: CalibrationParameter::all().collect(),
+        calibrations: calibrations(json)?.0.to_vec(),
+        undetermined: Vec::new(),
+        timing: None,
+        parity: Vec::new(),
         covariance,
         chi2: any("chi2.value", 0.0)?,
         degrees_of_freedom: any("chi2.dof", 0.0)? as usize,

@@ -17,6 +17,7 @@
 mod covariance;
 mod determined;
 mod parameter;
+mod redundancy;
 
 use geu_model::package::Calibration;
 use geu_model::units::ARCSEC_PER_RAD;
@@ -27,7 +28,11 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 use crate::noise::{ErrorTerm, RandomWalks};
 use covariance::covariances;
 pub(crate) use covariance::shared_covariance;
-pub use parameter::{BEFORE_LAUNCH, CalibrationParameter, PER_GYRO, UNKNOWNS, off_axes, own_axis};
+pub use parameter::{BEFORE_LAUNCH, CalibrationParameter, PER_GYRO, UNKNOWNS, dot, off_axes, own_axis, sensing_axis};
+pub use redundancy::ParityOfHeads;
+
+/// Share of a prior sigma from which the sigma of a parameter shows that the data do not determine it.
+const UNDETERMINED: f64 = 0.05;
 
 /// Counts and rotation of one manoeuvre.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,11 +41,15 @@ pub struct Observation {
     /// Start, s since the start of the recording.
     pub start_s: f64,
     pub end_s: f64,
+    /// On-board time in units of 0.5 s.
     pub samples: f64,
     /// Counts of each gyro; `None` if they are unusable.
-    pub counts: [Option<f64>; 4],
+    pub counts: Vec<Option<f64>>,
     /// Inertial rotation: the integrals of the rates about the control axes, arcsec.
     pub rotation_control_arcsec: [f64; 3],
+    /// Change of this rotation with a time offset, arcsec/s, and with the frequency error of the unit's clock, arcsec; of a described
+    /// unit alone.
+    pub timing_control_arcsec: [[f64; 3]; 2],
     pub disturbances: Vec<ErrorTerm>,
 }
 
@@ -66,8 +75,18 @@ pub struct Residual {
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solution {
-    pub calibrations: [Calibration; 4],
-    /// Covariance of the parameters, in the order of [`CalibrationParameter::all`], with the drift taken as that at the start of the recording.
+    /// The solved parameters.
+    pub parameters: Vec<CalibrationParameter>,
+    /// Calibration of each gyro.
+    pub calibrations: Vec<Calibration>,
+    /// True for each parameter that the motion of a described unit does not determine, then for time offset and clock; empty for the
+    /// default unit.
+    pub undetermined: Vec<bool>,
+    /// Time offset, s, and frequency error of the clock, relative, of a described unit, each with its sigma.
+    pub timing: Option<[(f64, f64); 2]>,
+    /// Parity residuals of a described unit with redundant gyros.
+    pub parity: Vec<ParityOfHeads>,
+    /// Covariance of the parameters, in their order, with the drift taken as that at the start of the recording.
     pub covariance: DMatrix<f64>,
     pub chi2: f64,
     pub degrees_of_freedom: usize,
@@ -79,13 +98,41 @@ pub struct Solution {
 }
 
 impl Solution {
-    pub fn sigmas(&self) -> [f64; UNKNOWNS] {
-        std::array::from_fn(|index| self.covariance[(index, index)].max(0.0).sqrt())
+    pub fn sigmas(&self) -> Vec<f64> {
+        let variances = self.covariance.diagonal();
+        variances.iter().map(|variance| variance.max(0.0).sqrt()).collect()
     }
 
-    /// The values in the order of [`CalibrationParameter::all`].
-    pub fn values(&self) -> [f64; UNKNOWNS] {
-        values(&self.calibrations)
+    /// The values in the order of the parameters.
+    pub fn values(&self) -> Vec<f64> {
+        values_of(&self.parameters, &self.calibrations)
+    }
+
+    /// True if the data determine a parameter.
+    pub fn is_determined(&self, parameter: CalibrationParameter) -> bool {
+        !self.undetermined.get(parameter.position()).copied().unwrap_or(false)
+    }
+
+    /// The parameters that the data determine.
+    pub fn determined(&self) -> Vec<CalibrationParameter> {
+        self.parameters.iter().copied().filter(|own| self.is_determined(*own)).collect()
+    }
+
+    /// The parameters that they do not determine.
+    pub fn open(&self) -> Vec<CalibrationParameter> {
+        self.parameters.iter().copied().filter(|own| !self.is_determined(*own)).collect()
+    }
+
+    /// Time offset, s, and relative frequency error of a described unit's clock, each with its sigma, if the data determine it.
+    pub fn times(&self) -> [Option<(f64, f64)>; 2] {
+        let first = self.parameters.len();
+        let known = |index: usize| self.timing.map(|own| own[index]).filter(|_| !self.undetermined[first + index]);
+        [known(0), known(1)]
+    }
+
+    /// True for a described unit.
+    pub fn is_described(&self) -> bool {
+        self.timing.is_some()
     }
 
     /// Probability of a χ² as large or larger if the model is true; 1 without spare equations.
@@ -99,7 +146,7 @@ pub fn probability(chi2: f64, degrees_of_freedom: usize) -> f64 {
     ChiSquared::new(degrees_of_freedom as f64).map_or(1.0, |distribution| distribution.sf(chi2.max(0.0)))
 }
 
-/// Values of four calibrations in the order of [`CalibrationParameter::all`].
+/// Values of the calibrations of the default unit in the order of [`CalibrationParameter::all`].
 pub fn values(calibrations: &[Calibration; 4]) -> [f64; UNKNOWNS] {
     let mut values = [0.0; UNKNOWNS];
     for parameter in CalibrationParameter::all() {
@@ -108,22 +155,46 @@ pub fn values(calibrations: &[Calibration; 4]) -> [f64; UNKNOWNS] {
     values
 }
 
-/// Solves the equations. `prior` serves to weigh errors, and for elements that are not solved.
+/// Values of these parameters.
+pub fn values_of(parameters: &[CalibrationParameter], calibrations: &[Calibration]) -> Vec<f64> {
+    parameters.iter().map(|own| own.value(&calibrations[own.gyro.index()])).collect()
+}
+
+/// Solves the equations of the default unit. `prior` serves to weigh errors, and for elements that are not solved.
 ///
 /// # Errors
 /// [`SolveError`]: the parameters that the manoeuvres do not determine.
 pub fn solve(
     observations: &[Observation],
-    walks: &[RandomWalks; 4],
-    prior: &[Calibration; 4],
+    walks: &[RandomWalks],
+    prior: &[Calibration],
 ) -> Result<Solution, SolveError> {
-    let equations = Equations::new(observations, walks, prior)?;
+    let equations = Equations::new(observations, walks, prior, CalibrationParameter::all().collect())?;
     equations.check_determined()?;
-    equations.solve(prior)
+    equations.solve(prior, &[])
+}
+
+/// Solves the equations of a described unit together with its time offset and the frequency of its clock. Each parameter has a prior
+/// sigma in `sizes`, and so have offset, s, and frequency, relative, at the end: what the data do not determine keeps it. `about` is the
+/// solution of the pass before: a scale factor acts on the counts expected from it, since the noise of measured counts would make it smaller.
+///
+/// # Errors
+/// [`SolveError`]: no usable data.
+pub fn solve_described(
+    observations: &[Observation],
+    walks: &[RandomWalks],
+    (prior, about): (&[Calibration], &[Calibration]),
+    parameters: Vec<CalibrationParameter>,
+    sizes: &[f64],
+) -> Result<Solution, SolveError> {
+    let mut equations = Equations::new(observations, walks, prior, parameters)?;
+    equations.expect_counts(about);
+    equations.solve(prior, sizes)
 }
 
 pub(crate) struct Equations<'a> {
     observations: &'a [Observation],
+    parameters: Vec<CalibrationParameter>,
     /// Manoeuvre and gyro of each row.
     pub(crate) rows: Vec<(usize, usize)>,
     pub(crate) design: DMatrix<f64>,
@@ -137,80 +208,143 @@ pub(crate) struct Equations<'a> {
 impl<'a> Equations<'a> {
     pub(crate) fn new(
         observations: &'a [Observation],
-        walks: &[RandomWalks; 4],
-        prior: &[Calibration; 4],
+        walks: &[RandomWalks],
+        prior: &[Calibration],
+        parameters: Vec<CalibrationParameter>,
     ) -> Result<Equations<'a>, SolveError> {
         let rows: Vec<(usize, usize)> = (0..observations.len())
-            .flat_map(|index| (0..4).map(move |gyro| (index, gyro)))
+            .flat_map(|index| (0..prior.len()).map(move |gyro| (index, gyro)))
             .filter(|&(index, gyro)| observations[index].counts[gyro].is_some())
             .collect();
-        let mut design = DMatrix::zeros(rows.len(), UNKNOWNS);
+        let mut design = DMatrix::zeros(rows.len(), parameters.len());
         let mut right = DVector::zeros(rows.len());
         for (row, &(index, gyro)) in rows.iter().enumerate() {
             let Observation { samples, counts, rotation_control_arcsec: turned, .. } = &observations[index];
-            let off = off_axes(Gyro::ALL[gyro]);
-            let unknowns = [
-                counts[gyro].unwrap_or(0.0),
-                *samples,
-                -turned[off[0]] / ARCSEC_PER_RAD,
-                -turned[off[1]] / ARCSEC_PER_RAD,
-            ];
+            let own = &parameters[PER_GYRO * gyro..][..PER_GYRO];
+            let [across, other] = [own[2].axis, own[3].axis].map(|axis| -dot(axis, *turned) / ARCSEC_PER_RAD);
+            let unknowns = [counts[gyro].unwrap_or(0.0), *samples, across, other];
             for (index, value) in unknowns.into_iter().enumerate() {
                 design[(row, PER_GYRO * gyro + index)] = value;
             }
-            right[row] = turned[own_axis(Gyro::ALL[gyro])];
+            // A projection on the input axis itself is not solved.
+            let sensed = dot(own[0].axis, sensing_axis(own[0].axis, &prior[gyro]));
+            right[row] = dot(own[0].axis, *turned) * sensed;
         }
-        let (weighting, reported) = covariances(observations, &rows, walks, prior);
+        let (weighting, reported) = covariances(observations, &rows, walks, &sensing_axes(&parameters, prior), prior);
         let finite = |matrix: &DMatrix<f64>| matrix.iter().all(|value| value.is_finite());
         if !finite(&design) || !finite(&reported) || !right.iter().all(|value| value.is_finite()) {
             let bad = |observation: &&Observation| {
                 let numbers =
-                    observation.rotation_control_arcsec.into_iter().chain(observation.counts.into_iter().flatten());
+                    observation.rotation_control_arcsec.into_iter().chain(observation.counts.iter().copied().flatten());
                 numbers.chain([observation.samples]).any(|number| !number.is_finite())
             };
             let name = observations.iter().find(bad).map_or("the noise", |observation| &observation.name);
             return Err(SolveError::NotFinite(name.to_owned()));
         }
-        Ok(Equations { observations, rows, design, right, weighting, reported })
+        Ok(Equations { observations, parameters, rows, design, right, weighting, reported })
     }
 
-    fn solve(&self, prior: &[Calibration; 4]) -> Result<Solution, SolveError> {
-        let root = root(&self.weighting)?;
-        let LeastSquaresFit { solved, gain, squares, left, chi2 } = fit(&self.design, &self.right, &root)?;
-        let covariance = &gain * &self.reported * gain.transpose();
-        let mut calibrations = *prior;
-        for (index, parameter) in CalibrationParameter::all().enumerate() {
-            *parameter.value_mut(&mut calibrations[parameter.gyro.index()]) = solved[index];
+    fn solve(&self, prior: &[Calibration], sizes: &[f64]) -> Result<Solution, SolveError> {
+        let (unknowns, rows) = (self.parameters.len(), self.rows.len());
+        let (design, right) = self.with_priors(prior, sizes);
+        let [weighting, reported] = [&self.weighting, &self.reported].map(|own| with_variances(own, sizes));
+        let root = root(&weighting)?;
+        let LeastSquaresFit { solved, gain, squares, left, chi2 } = fit(&design, &right, &root)?;
+        let all = &gain * &reported * gain.transpose();
+        let mut calibrations = prior.to_vec();
+        for (index, parameter) in self.parameters.iter().enumerate() {
+            parameter.set(&mut calibrations[parameter.gyro.index()], solved[index]);
         }
         // Only the diagonals of the projection and of the residuals' covariance are needed.
-        let weighed = &gain * &self.weighting * gain.transpose();
-        let seen = &self.design * weighed;
+        let weighed = &gain * &weighting * gain.transpose();
+        let seen = &design * weighed;
         let mut leverage = vec![0.0; self.observations.len()];
         for (row, &(manoeuvre, _)) in self.rows.iter().enumerate() {
-            leverage[manoeuvre] += (self.design.row(row) * gain.column(row))[0];
+            leverage[manoeuvre] += (design.row(row) * gain.column(row))[0];
         }
-        let variance = |row: usize| self.weighting[(row, row)] - seen.row(row).dot(&self.design.row(row));
+        let covariance_left = |a: usize, b: usize| weighting[(a, b)] - seen.row(a).dot(&design.row(b));
+        let sigma = |index: usize| all[(index, index)].max(0.0).sqrt();
+        let is_open = |index: usize| sigma(index) > UNDETERMINED * sizes[index];
+        let undetermined: Vec<bool> = (0..sizes.len()).map(is_open).collect();
+        let open = undetermined.iter().filter(|is_open| **is_open).count();
+        let is_described = !sizes.is_empty();
         Ok(Solution {
+            parity: if is_described { self.parity(&calibrations, &left, covariance_left) } else { Vec::new() },
+            parameters: self.parameters.clone(),
             calibrations,
-            covariance,
+            undetermined,
+            timing: is_described.then(|| [unknowns, unknowns + 1].map(|index| (solved[index], sigma(index)))),
+            covariance: all.view((0, 0), (unknowns, unknowns)).into_owned(),
             chi2,
-            degrees_of_freedom: self.rows.len().saturating_sub(UNKNOWNS),
+            degrees_of_freedom: rows.saturating_sub(design.ncols() - open),
             condition: (squares.max() / squares.min().max(f64::MIN_POSITIVE)).sqrt(),
             leverage,
-            residuals: self.residuals(&left, variance),
+            residuals: self.residuals(&left, |row| covariance_left(row, row)),
         })
+    }
+
+    /// Lets a change of the scale factor act on the counts that calibrations expect, in place of the measured ones.
+    fn expect_counts(&mut self, about: &[Calibration]) {
+        let axes = sensing_axes(&self.parameters, about);
+        for (row, &(index, gyro)) in self.rows.iter().enumerate() {
+            let (Observation { samples, rotation_control_arcsec, .. }, own) = (&self.observations[index], &about[gyro]);
+            let column = PER_GYRO * gyro;
+            let turned = dot(axes[gyro], *rotation_control_arcsec);
+            let expected = (turned - own.drift_arcsec_per_half_s * samples) / own.scale_factor;
+            self.right[row] -= own.scale_factor * (self.design[(row, column)] - expected);
+            self.design[(row, column)] = expected;
+        }
+    }
+
+    /// The equations, and with `sizes` an equation for the prior of each unknown, and the unknowns of the times.
+    fn with_priors(&self, prior: &[Calibration], sizes: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
+        let (unknowns, rows) = (self.parameters.len(), self.rows.len());
+        let columns = if sizes.is_empty() { unknowns } else { unknowns + 2 };
+        let mut design = self.design.clone().resize(rows + sizes.len(), columns, 0.0);
+        let mut right = self.right.clone().resize_vertically(rows + sizes.len(), 0.0);
+        if sizes.is_empty() {
+            return (design, right);
+        }
+        let axes = sensing_axes(&self.parameters, prior);
+        for (row, &(index, gyro)) in self.rows.iter().enumerate() {
+            for (column, changed) in self.observations[index].timing_control_arcsec.into_iter().enumerate() {
+                design[(row, unknowns + column)] = dot(axes[gyro], changed);
+            }
+        }
+        let known = values_of(&self.parameters, prior).into_iter().chain([0.0; 2]);
+        for (index, value) in known.enumerate() {
+            design[(rows + index, index)] = 1.0;
+            right[rows + index] = value;
+        }
+        (design, right)
     }
 
     /// Residuals of the rows with their variances.
     pub(crate) fn residuals(&self, left: &DVector<f64>, variance: impl Fn(usize) -> f64) -> Vec<Residual> {
         let residual = |(row, &(manoeuvre, gyro)): (usize, &(usize, usize))| Residual {
             manoeuvre,
-            gyro: Gyro::ALL[gyro],
+            gyro: self.parameters[PER_GYRO * gyro].gyro,
             arcsec: left[row],
             sigma_arcsec: variance(row).max(0.0).sqrt(),
         };
         self.rows.iter().enumerate().map(residual).collect()
     }
+}
+
+/// Input axis of each gyro in the control frame, with its projections.
+pub(crate) fn sensing_axes(parameters: &[CalibrationParameter], prior: &[Calibration]) -> Vec<[f64; 3]> {
+    let first = parameters.iter().step_by(PER_GYRO);
+    first.zip(prior).map(|(own, calibration)| sensing_axis(own.axis, calibration)).collect()
+}
+
+/// A covariance with further, independent variances.
+fn with_variances(covariance: &DMatrix<f64>, sigmas: &[f64]) -> DMatrix<f64> {
+    let (rows, all) = (covariance.nrows(), covariance.nrows() + sigmas.len());
+    let mut covariance = covariance.clone().resize(all, all, 0.0);
+    for (index, sigma) in sigmas.iter().enumerate() {
+        covariance[(rows + index, rows + index)] = sigma * sigma;
+    }
+    covariance
 }
 
 pub(crate) fn noise_not_finite() -> SolveError {
@@ -278,8 +412,9 @@ mod tests {
             start_s,
             end_s: start_s + 600.0,
             samples: 1200.0,
-            counts: Gyro::ALL.map(|gyro| Some(turned[own_axis(gyro)])),
+            counts: Gyro::ALL.map(|gyro| Some(turned[own_axis(gyro)])).to_vec(),
             rotation_control_arcsec: turned,
+            timing_control_arcsec: Default::default(),
             disturbances: (0..4)
                 .map(|gyro| ErrorTerm::of_count(ErrorSource::Rounding { gyro, node: index }, 1.0 / 6.0, gyro, 1.0))
                 .collect(),
@@ -287,7 +422,7 @@ mod tests {
     }
 
     fn refused(observations: &[Observation]) -> String {
-        match solve(observations, &[QUIET; 4], &Default::default()) {
+        match solve(observations, &[QUIET; 4], &[Calibration::default(); 4]) {
             Err(error) => error.to_string(),
             Ok(solution) => panic!("solved, with {:?}", solution.sigmas()),
         }
@@ -298,7 +433,7 @@ mod tests {
         let manoeuvres = [[0.0; 3], [60.0, 0.0, 0.0], [0.0, 60.0, 0.0], [0.0, 0.0, 60.0], [0.0, -60.0, 0.0]];
         let observations: Vec<Observation> =
             manoeuvres.into_iter().enumerate().map(|(index, turned)| manoeuvre(index, turned)).collect();
-        let solution = solve(&observations, &[QUIET; 4], &Default::default()).expect("determined");
+        let solution = solve(&observations, &[QUIET; 4], &[Calibration::default(); 4]).expect("determined");
         for (parameter, value) in CalibrationParameter::all().zip(solution.values()) {
             let expected = if parameter.index == 0 { 1.0 } else { 0.0 };
             assert!((value - expected).abs() < 1e-9, "{}: {value}", parameter.label());

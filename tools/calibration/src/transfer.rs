@@ -27,7 +27,7 @@ impl GyroSet {
 }
 
 /// M of eq 2: a row per gyro, columns X, Y, Z; 1 on the own axis by definition.
-pub fn misalignment_matrix(calibrations: &[Calibration; 4]) -> Matrix4x3<f64> {
+pub fn misalignment_matrix(calibrations: &[Calibration]) -> Matrix4x3<f64> {
     Matrix4x3::from_fn(|gyro, axis| {
         let own = Axes::of(Gyro::ALL[gyro]).input_control[axis];
         let Calibration { x_arcsec, y_arcsec, z_arcsec, .. } = calibrations[gyro];
@@ -57,7 +57,7 @@ pub struct Transfer {
 
 impl Transfer {
     /// The transfer function of a calibration. Misalignments within their limits leave M well conditioned.
-    pub fn new(calibrations: &[Calibration; 4], in_use: GyroSet) -> Transfer {
+    pub fn new(calibrations: &[Calibration], in_use: GyroSet) -> Transfer {
         let matrix = misalignment_matrix(calibrations);
         let mut used = matrix;
         for (gyro, is_used) in in_use.gyros().into_iter().enumerate() {

@@ -11,6 +11,7 @@ mod scans;
 
 use geu_model::Configuration;
 use geu_model::effect::Effects;
+use geu_model::package::Calibration;
 use geu_model::sensor::SensorNumbers;
 use geu_model::units::{PPM, S_PER_DAY, SAMPLE_INTERVAL_S};
 use geu_protocol::Gyro;
@@ -50,12 +51,13 @@ pub const BEYOND_SIGMAS: f64 = 5.0;
 
 /// The updated gyros.
 pub const GYROS: [Gyro; 2] = [Gyro::ZA, Gyro::ZB];
+const Z: [f64; 3] = [0.0, 0.0, 1.0];
 /// The updated parameters, in the order of the results.
 pub const PARAMETERS: [CalibrationParameter; 4] = [
-    CalibrationParameter { gyro: Gyro::ZA, index: 0 },
-    CalibrationParameter { gyro: Gyro::ZA, index: 1 },
-    CalibrationParameter { gyro: Gyro::ZB, index: 0 },
-    CalibrationParameter { gyro: Gyro::ZB, index: 1 },
+    CalibrationParameter { gyro: Gyro::ZA, index: 0, axis: Z },
+    CalibrationParameter { gyro: Gyro::ZA, index: 1, axis: Z },
+    CalibrationParameter { gyro: Gyro::ZB, index: 0, axis: Z },
+    CalibrationParameter { gyro: Gyro::ZB, index: 1, axis: Z },
 ];
 
 /// Accuracy and time of the prior calibration.
@@ -144,14 +146,15 @@ pub fn update(
         AttitudeSource::Reference(..) => (SensorNumbers::default(), 1),
         AttitudeSource::Sensors(sensors) => (sensors.numbers, PASSES),
     };
-    let (mut calibrations, mut effects) = (evaluation.prior, None);
+    let prior: [Calibration; 4] = std::array::from_fn(|gyro| evaluation.prior[gyro]);
+    let (mut calibrations, mut effects) = (prior, None);
     let mut pass = 0;
     loop {
         pass += 1;
         let observed = evaluation.observe(&calibrations, &numbers, effects.as_ref(), |_, _, left_out| {
             Ok(select_segments(counts, &calibrations, legs, attitude, left_out))
         })?;
-        let updated = refine_observed(&evaluation, known, observed.observations, observed.left_out)?;
+        let updated = refine_observed(&evaluation, &prior, known, observed.observations, observed.left_out)?;
         if pass == passes {
             return Ok(updated);
         }
@@ -198,11 +201,12 @@ fn electronics_c(counts: &AccumulatedCounts, segments: &[ScanSegment]) -> f64 {
 
 fn refine_observed(
     evaluation: &Evaluation,
+    prior: &[Calibration; 4],
     known: &PriorAccuracy,
     mut observations: Vec<Observation>,
     mut left_out: Vec<ExcludedData>,
 ) -> Result<CalibrationUpdate, UpdateError> {
-    let Evaluation { configuration, counts, prior, walks, .. } = evaluation;
+    let Evaluation { configuration, counts, walks, .. } = evaluation;
     left_out.retain(|found| found.gyro.is_none_or(|gyro| GYROS.contains(&gyro)));
     observations.retain(|found| GYROS.iter().any(|&gyro| found.counts[gyro.index()].is_some()));
     let mut used: Vec<ScanSegment> = observations.iter().map(ScanSegment::from).collect();
@@ -226,7 +230,7 @@ fn refine_observed(
         let (parameter, new_sigma) = (PARAMETERS[index], new_sigmas[index]);
         let gyro = parameter.gyro.index();
         let new = parameter.value(&refined.calibrations[gyro]);
-        *parameter.value_mut(&mut calibrations[gyro]) = new;
+        parameter.set(&mut calibrations[gyro], new);
         sigmas[parameter.position()] = new_sigma;
         let prior_sigma = priors[column[index]].sigma;
         let walked_arcsec_s = if parameter.index == 1 { walks[gyro].drift_sigma_arcsec_s(end_s) } else { 0.0 };

@@ -117,3 +117,31 @@ pub fn cut_at_rests(counts: &AccumulatedCounts, transfer: &Transfer, from_s: f64
         })
         .collect()
 }
+
+/// Nodes of the shortest window of a described unit.
+pub(crate) const SHORTEST_NODES: usize = 4;
+/// Share of its length by which windows of a described unit are moved, each by another part of it: a periodic motion meets them in all
+/// phases.
+const MOVED: f64 = 0.5;
+const GOLDEN: f64 = 0.618_033_988_749_895;
+
+/// Cuts a recording between two of its instants into at most `most` windows, whether the unit rests or not.
+pub(crate) fn cut_evenly(counts: &AccumulatedCounts, from_s: f64, to_s: f64, most: usize) -> Vec<ManoeuvreWindow> {
+    let first = counts.node_s.partition_point(|&node_s| node_s < from_s);
+    let last = counts.node_s.partition_point(|&node_s| node_s <= to_s).saturating_sub(1);
+    let nodes = last.saturating_sub(first);
+    let parts = most.min(nodes / SHORTEST_NODES);
+    let cut = |index: usize| match index {
+        0 => first,
+        _ if index == parts => last,
+        _ => {
+            let moved = MOVED * ((index as f64 * GOLDEN).fract() - 0.5);
+            first + ((index as f64 + moved) * nodes as f64 / parts as f64) as usize
+        }
+    };
+    let window = |index: usize| {
+        let [start_s, end_s] = [index, index + 1].map(|index| counts.start_s() + counts.node_s[cut(index)]);
+        ManoeuvreWindow::new(&format!("window {}", index + 1), start_s, end_s)
+    };
+    (0..parts).map(window).collect()
+}

@@ -29,7 +29,8 @@ fn surveying(scans: f64) -> Configuration {
 }
 
 fn moved(mut unit: Configuration, parameter: CalibrationParameter, by: f64) -> Configuration {
-    *parameter.value_mut(&mut unit.gyros[parameter.gyro.index()].calibration) += by;
+    let own = &mut unit.gyros[parameter.gyro.index()].calibration;
+    parameter.set(own, parameter.value(own) + by);
     unit
 }
 

@@ -3,10 +3,9 @@
 use clap::Args;
 use geu_calibration::absolute::AbsoluteData;
 use geu_calibration::compare::MIN_PROBABILITY;
-use geu_calibration::solve::CalibrationParameter;
 use geu_calibration::{
     AccumulatedCounts, AttitudeSource, Calibrated, Comparison, CountsReader, DeviceCountsReader, DeviceRecording,
-    PreviousCalibration, calibrate, report,
+    PreviousCalibration, calibrate, calibrate_described, report,
 };
 use geu_model::Configuration;
 use geu_model::device::Device;
@@ -32,6 +31,9 @@ use crate::update::{self, Update};
 pub struct Arguments {
     #[command(flatten)]
     unit: NamedConfigArgs,
+    /// Unit of the recording: a name of `geu device list`, or a description
+    #[arg(long, value_name = "NAME|FILE")]
+    device: Option<String>,
     /// Recording of the link, CAN or serial; several are one stream
     #[arg(long, required = true, num_args = 1.., value_name = "FILE")]
     link: Vec<String>,
@@ -61,6 +63,9 @@ pub struct Arguments {
     #[command(flatten)]
     update: Update,
 }
+
+/// Left out windows of a described unit that are printed.
+const MAX_LISTED: usize = 10;
 
 /// The attitude data of a calibration.
 enum AttitudeInput {
@@ -107,8 +112,13 @@ impl AttitudeInput {
 /// # Errors
 /// An input cannot be read, the manoeuvres do not determine the parameters, a file cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
-    let settings = ConfigArgs::from(&arguments.unit);
-    let configuration = settings.read()?;
+    let settings = ConfigArgs { device: arguments.device.clone(), ..ConfigArgs::from(&arguments.unit) };
+    let mut configuration = settings.read_of_any()?;
+    // Prescribed rates are of a run, and replace the scenario there; here the unit alone counts.
+    configuration.motion.clear();
+    if !configuration.device.is_iras() {
+        return run_described(arguments, &settings, &configuration);
+    }
     let earlier = calibrate_compare::read(&arguments.compare)?;
     let windows = arguments.evaluation.windows()?;
     let input = AttitudeInput::read(arguments, &configuration)?;
@@ -125,16 +135,74 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         return update::run(&arguments.update, prior, &counts, windows.as_deref(), &attitude, results);
     }
     let calibrated = calibrate(&configuration, &counts, windows.as_deref(), &attitude).map_err(CommandError::input)?;
-    for left_out in &calibrated.left_out {
+    report_results(arguments, (&settings, &configuration), &calibrated, &earlier)
+}
+
+/// Calibrates a described unit.
+fn run_described(
+    arguments: &Arguments,
+    settings: &ConfigArgs,
+    configuration: &Configuration,
+) -> Result<(), CommandError> {
+    let name = &configuration.device.name;
+    let of_default = [
+        ("--fss and --sse", arguments.fss.is_some()),
+        ("--compare", !arguments.compare.is_empty()),
+        ("--update", arguments.update.update),
+        ("--base", arguments.evaluation.base.is_some()),
+    ];
+    if let Some((option, _)) = of_default.into_iter().find(|(_, is_given)| *is_given) {
+        let expected = "expected the default unit, which alone has it";
+        return Err(CommandError::input(format!(
+            "{option}: {expected}, got {name}; calibrate {name} with --reference"
+        )));
+    }
+    let windows = arguments.evaluation.windows()?;
+    let input = AttitudeInput::read(arguments, configuration)?;
+    let AttitudeInput::Reference(reference) = &input else { return Ok(()) };
+    let recording =
+        read_device(&arguments.link, &configuration.device, arguments.evaluation.start_ns(input.start_ns()))?;
+    input.check_time_system(&recording.counts)?;
+    let DeviceRecording { counts, defects, outliers, left_out, .. } = recording;
+    let link = arguments.link.join(" ");
+    if defects > 0 {
+        note(format_args!("geu: {defects} defects in {link}; `geu decode --format summary {link}` lists them\n"));
+    }
+    let rows = left_out.repeated + left_out.of_other_trials + left_out.after_gap;
+    if rows > 0 {
+        note(format_args!("geu: {rows} rows of {link} are left out: repeated, of another trial, or after a gap\n"));
+    }
+    let outliers: u64 = outliers.iter().sum();
+    if outliers > 0 {
+        note(format_args!("geu: {outliers} samples of {link} are far from their neighbours and left out\n"));
+    }
+    let source = (reference, arguments.reference_sigma);
+    let calibrated = calibrate_described(configuration, &counts, windows.as_deref(), source)
+        .map_err(|error| CommandError::input(format!("{link}: {error}")))?;
+    report_results(arguments, (settings, configuration), &calibrated, &[])
+}
+
+/// Writes and prints the results.
+fn report_results(
+    arguments: &Arguments,
+    unit: (&ConfigArgs, &Configuration),
+    calibrated: &Calibrated,
+    earlier: &[PreviousCalibration],
+) -> Result<(), CommandError> {
+    let listed = if unit.1.device.is_iras() { usize::MAX } else { MAX_LISTED };
+    for left_out in calibrated.left_out.iter().take(listed) {
         note(format_args!("geu: left out: {left_out}\n"));
     }
-    let comparison = calibrate_compare::compare(&earlier, &calibrated)?;
-    write_results(arguments, (&settings, &configuration), &calibrated, &earlier, comparison.as_ref())?;
-    say!("{}", terminal_table(&configuration, &calibrated))?;
-    if let Some(comparison) = &comparison {
-        say!("\n{}", comparison_table(&earlier, comparison))?;
+    if calibrated.left_out.len() > listed {
+        note(format_args!("geu: left out: {} more, which --json lists\n", calibrated.left_out.len() - listed));
     }
-    if is_explained(&calibrated) {
+    let comparison = calibrate_compare::compare(earlier, calibrated)?;
+    write_results(arguments, unit, calibrated, earlier, comparison.as_ref())?;
+    say!("{}", terminal_table(unit.1, calibrated))?;
+    if let Some(comparison) = &comparison {
+        say!("\n{}", comparison_table(earlier, comparison))?;
+    }
+    if is_explained(calibrated) {
         return Ok(());
     }
     let why = format!(
@@ -174,7 +242,7 @@ fn write_results(
     if let Some(file) = arguments.out.as_ref().filter(|_| is_explained(calibrated) || arguments.anyway) {
         let merged = comparison.filter(|comparison| comparison.is_compatible());
         let solution = merged.map_or(&calibrated.solution, |comparison| &comparison.combined);
-        outputs.push((file, settings.edited(report::overrides(CalibrationParameter::all(), &solution.calibrations))?));
+        outputs.push((file, settings.edited(report::overrides(solution.determined(), &solution.calibrations))?));
     }
     if let Some(file) = &arguments.evaluation.html {
         let others = [

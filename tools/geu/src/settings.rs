@@ -254,7 +254,12 @@ impl ConfigArgs {
     /// The file cannot be read.
     pub fn text(&self) -> Result<(String, String), CommandError> {
         let Some(path) = &self.config else {
-            return Ok(("the reference unit".to_owned(), Configuration::reference_text().to_owned()));
+            let device = self.device.as_deref().map(unit).transpose()?.filter(|device| !device.is_iras());
+            let Some(device) = device else {
+                return Ok(("the reference unit".to_owned(), Configuration::reference_text().to_owned()));
+            };
+            let configuration = Configuration::of_device(&device, &[]).map_err(CommandError::input)?;
+            return Ok((format!("configuration of {}", device.name), configuration.to_toml(false)));
         };
         Ok((path.display().to_string(), read_text(path, "a configuration, as `geu config show` prints")?))
     }

@@ -63,6 +63,22 @@ pub struct Head {
 }
 
 impl Head {
+    /// Two directions perpendicular to the input axis and to each other: control axes, if it is along a control axis.
+    pub fn across(&self) -> [[f64; 3]; 2] {
+        let input = self.axes.input_control;
+        let unit = |axis: usize| std::array::from_fn(|other| f64::from(u8::from(other == axis)));
+        if let Some(own) = input.iter().position(|part| part.abs() == 1.0) {
+            return [unit(usize::from(own == 0)), unit(if own == 2 { 1 } else { 2 })];
+        }
+        let farthest = (0..3).min_by(|&one, &other| input[one].abs().total_cmp(&input[other].abs())).unwrap_or(0);
+        let part = input[farthest];
+        let across: [f64; 3] = std::array::from_fn(|axis| unit(farthest)[axis] - part * input[axis]);
+        let length = across.iter().map(|part| part * part).sum::<f64>().sqrt();
+        let [x, y, z] = across.map(|part| part / length);
+        let [a, b, c] = input;
+        [[x, y, z], [b * z - c * y, c * x - a * z, a * y - b * x]]
+    }
+
     /// This number of counts as the output has it.
     #[inline]
     pub fn rounded(&self, counts: f64) -> f64 {

@@ -5,16 +5,16 @@ use nalgebra::{DMatrix, DVector};
 
 use super::Observation;
 use crate::noise::{ErrorSource, RandomWalks};
-use crate::transfer::misalignment_matrix;
 
 /// Covariances of the rows, with the drift walk about its mean over the manoeuvres and with the walk since the start.
 pub(super) fn covariances(
     observations: &[Observation],
     rows: &[(usize, usize)],
-    walks: &[RandomWalks; 4],
-    prior: &[Calibration; 4],
+    walks: &[RandomWalks],
+    axes: &[[f64; 3]],
+    prior: &[Calibration],
 ) -> (DMatrix<f64>, DMatrix<f64>) {
-    let shared = shared_covariance(observations, rows, prior);
+    let shared = shared_covariance(observations, rows, axes, prior);
     let (mut weighting, mut reported) = (shared.clone(), shared);
     for (gyro, walk) in walks.iter().enumerate() {
         let own: Vec<(usize, (f64, f64))> = rows
@@ -46,14 +46,14 @@ pub(super) fn covariances(
 pub(crate) fn shared_covariance(
     observations: &[Observation],
     rows: &[(usize, usize)],
-    prior: &[Calibration; 4],
+    axes: &[[f64; 3]],
+    prior: &[Calibration],
 ) -> DMatrix<f64> {
-    let matrix = misalignment_matrix(prior);
     // Contribution of each source to each row.
     let mut sources: Vec<(ErrorSource, f64, usize, f64)> = Vec::new();
     for (row, &(index, gyro)) in rows.iter().enumerate() {
         for disturbance in &observations[index].disturbances {
-            let turned: f64 = (0..3).map(|axis| matrix[(gyro, axis)] * disturbance.rotation_control_arcsec[axis]).sum();
+            let turned: f64 = (0..3).map(|axis| axes[gyro][axis] * disturbance.rotation_control_arcsec[axis]).sum();
             let part = disturbance.counts[gyro] * prior[gyro].scale_factor - turned;
             if part != 0.0 {
                 sources.push((disturbance.source, disturbance.variance, row, part));

@@ -4,7 +4,7 @@ use geu_model::units::ARCSEC_PER_DEG;
 use geu_protocol::Gyro;
 use nalgebra::DMatrix;
 
-use super::{CalibrationParameter, Equations, PER_GYRO, SolveError, off_axes, own_axis};
+use super::{Equations, PER_GYRO, SolveError};
 
 impl Equations<'_> {
     /// Rejects directions that the data determine worse than the knowledge before launch.
@@ -21,7 +21,7 @@ impl Equations<'_> {
             }
             // Scaled by the knowledge before launch and by the noise: an eigenvalue below 1 is undetermined.
             let scaled = DMatrix::from_fn(own.len(), PER_GYRO, |row, index| {
-                let size = CalibrationParameter { gyro, index }.before_launch();
+                let size = self.parameters[PER_GYRO * gyro.index() + index].before_launch();
                 let row = own[row];
                 self.design[(row, PER_GYRO * gyro.index() + index)] * size / self.weighting[(row, row)].sqrt()
             });
@@ -42,14 +42,10 @@ impl Equations<'_> {
             turned.map(|observation| observation.rotation_control_arcsec[axis].abs()).fold(0.0, f64::max)
                 / ARCSEC_PER_DEG
         };
-        let parameter = |index: usize| CalibrationParameter { gyro, index };
+        let parameter = |index: usize| self.parameters[PER_GYRO * gyro.index() + index];
         let mut parts: Vec<usize> = (0..PER_GYRO).filter(|&index| direction[index].abs() > 0.3).collect();
         parts.sort_by(|&a, &b| direction[b].abs().total_cmp(&direction[a].abs()));
-        let axis_of = |index: usize| match index {
-            0 => Some(own_axis(gyro)),
-            1 => None,
-            _ => Some(off_axes(gyro)[index - 2]),
-        };
+        let axis_of = |index: usize| parameter(index).control_axis().filter(|_| index != 1);
         let names: Vec<String> = parts.iter().map(|&index| parameter(index).label()).collect();
         match (parts.as_slice(), parts.first().and_then(|&index| axis_of(index))) {
             ([_], Some(axis)) => format!(

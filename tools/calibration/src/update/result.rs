@@ -1,7 +1,7 @@
 //! The result of an update, and its JSON.
 
 use geu_model::package::Calibration;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -166,8 +166,11 @@ impl CalibrationUpdate {
                 "due_in_s": change.due_in_s,
             })
         });
+        let all: Vec<_> = CalibrationParameter::all().collect();
+        let variances = DVector::from_iterator(UNKNOWNS, self.sigmas.iter().map(|sigma| sigma * sigma));
+        let covariance = DMatrix::from_diagonal(&variances);
         json!({
-            "gyros": report::gyros(&self.calibrations, Some(&self.sigmas)),
+            "gyros": report::gyros(&all, &self.calibrations, Some(&covariance), &[]),
             "chi2": { "value": self.chi2, "dof": self.degrees_of_freedom, "probability": self.probability() },
             "known_time_s": self.known_at_s,
             "time_s": self.at_s,

@@ -31,7 +31,7 @@ struct SteadySegment {
 }
 
 /// Finds the steady segments of a recording by its counts.
-fn steady_segments(counts: &AccumulatedCounts, calibrations: &[Calibration; 4]) -> Vec<SteadySegment> {
+fn steady_segments(counts: &AccumulatedCounts, calibrations: &[Calibration]) -> Vec<SteadySegment> {
     // By the Z gyro with fewer broken samples.
     let broken = |gyro: Gyro| {
         let own = counts.breaks.iter().filter(|found| found.gyros[gyro.index()]);
@@ -89,7 +89,7 @@ fn unsuitable(length_s: f64, rate_z_arcsec_s: f64) -> Option<String> {
 /// intervals between fixes, as far as they are steady.
 pub(super) fn select_segments(
     counts: &AccumulatedCounts,
-    calibrations: &[Calibration; 4],
+    calibrations: &[Calibration],
     legs: Option<&[ManoeuvreWindow]>,
     attitude: &AttitudeSource,
     left_out: &mut Vec<ExcludedData>,

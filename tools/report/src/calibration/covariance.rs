@@ -3,40 +3,39 @@
 use std::f64::consts::TAU;
 use std::fmt::Write;
 
-use geu_calibration::solve::{CalibrationParameter, UNKNOWNS};
+use geu_calibration::solve::{CalibrationParameter, PER_GYRO};
 use geu_chart::{ARROW, CROSS, Chart, DIAMOND};
-use geu_protocol::{Gyro, map};
+use geu_protocol::map;
 
-use super::{CalibrationPage, position, sigma_unit};
+use super::{CalibrationPage, sigma_unit};
 use crate::page::{filled, fixed, sigmas as in_sigmas};
 
 impl CalibrationPage<'_> {
     pub(super) fn ellipses(&self) -> String {
-        let covariance = &self.solution().covariance;
+        let (covariance, parameters) = (&self.solution().covariance, &self.solution().parameters);
         let correlation = |a: usize, b: usize| {
             covariance[(a, b)] / (covariance[(a, a)] * covariance[(b, b)]).sqrt().max(f64::MIN_POSITIVE)
         };
-        let pairs = (0..UNKNOWNS).flat_map(|a| (a + 1..UNKNOWNS).map(move |b| (a, b)));
-        let strongest = pairs.max_by(|&(a, b), &(c, d)| correlation(a, b).abs().total_cmp(&correlation(c, d).abs()));
-        let words: Vec<String> = CalibrationParameter::all().map(CalibrationParameter::label).collect();
+        let pairs = (0..parameters.len()).flat_map(|a| (a + 1..parameters.len()).map(move |b| (a, b)));
+        let is_determined = |index: usize| self.solution().is_determined(parameters[index]);
+        let known = pairs.filter(|&(a, b)| is_determined(a) && is_determined(b));
+        let strongest = known.max_by(|&(a, b), &(c, d)| correlation(a, b).abs().total_cmp(&correlation(c, d).abs()));
+        let words: Vec<String> = parameters.iter().map(|own| own.label()).collect();
         let strongest = strongest.map(|(a, b)| {
             map! { one: words[a].as_str(), other: words[b].as_str(), rho: fixed(correlation(a, b), 2) }
         });
         let values = map! { strongest: strongest, diamond: DIAMOND, cross: CROSS, arrow: ARROW };
         let mut text = filled(include_str!("covariance.html"), &values);
-        for gyro in Gyro::ALL {
-            for (first, second) in [(0, 1), (2, 3)] {
-                text += &self.ellipse(
-                    [CalibrationParameter { gyro, index: first }, CalibrationParameter { gyro, index: second }],
-                    &correlation,
-                );
+        for pair in parameters.chunks(PER_GYRO / 2) {
+            if pair.iter().all(|own| self.solution().is_determined(*own)) {
+                text += &self.ellipse([pair[0], pair[1]], &correlation);
             }
         }
         text + "</div>\n"
     }
 
     fn ellipse(&self, pair: [CalibrationParameter; 2], correlation: &dyn Fn(usize, usize) -> f64) -> String {
-        let [a, b] = pair.map(position);
+        let [a, b] = pair.map(CalibrationParameter::position);
         let (sigmas, solved) = (self.solution().sigmas(), self.solution().values());
         let forms = pair.map(sigma_unit);
         let scales = [sigmas[a] * forms[0].0, sigmas[b] * forms[1].0];

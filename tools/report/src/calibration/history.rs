@@ -6,7 +6,7 @@ use geu_calibration::solve::{CalibrationParameter, UNKNOWNS};
 use geu_chart::Chart;
 use geu_protocol::map;
 
-use super::{CalibrationPage, moved_words, percent, position, sigma_unit, value_and_unit};
+use super::{CalibrationPage, moved_words, percent, sigma_unit, value_and_unit};
 use crate::extent;
 use crate::page::{date, escape, filled, prose, sigmas as in_sigmas, signed, significant, table};
 
@@ -70,7 +70,7 @@ impl CalibrationPage<'_> {
     }
 
     fn history_of(&self, parameter: CalibrationParameter, comparison: &Comparison) -> String {
-        let (index, (size, unit)) = (position(parameter), sigma_unit(parameter));
+        let (index, (size, unit)) = (parameter.position(), sigma_unit(parameter));
         let solved = self.solution().values()[index];
         let mut points: Vec<(f64, f64, f64)> = self
             .earlier

@@ -7,7 +7,7 @@ mod text;
 use std::fmt::Write;
 
 use geu_calibration::compare::{Comparison, MIN_PROBABILITY, PreviousCalibration};
-use geu_calibration::solve::{CalibrationParameter, Solution, UNKNOWNS, values};
+use geu_calibration::solve::{CalibrationParameter, Solution, values_of};
 use geu_calibration::{Calibrated, solve};
 use geu_model::Configuration;
 use geu_model::units::SAMPLE_INTERVAL_S;
@@ -15,6 +15,7 @@ use geu_protocol::{Gyro, map};
 
 use geu_chart::Chart;
 
+use text::{calibrations, described_lines, gyros};
 pub use text::{comparison_table, table as terminal_table};
 
 use crate::page::{
@@ -62,12 +63,13 @@ impl CalibrationPage<'_> {
         &self.calibrated.solution
     }
 
-    fn prior_values(&self) -> [f64; UNKNOWNS] {
-        values(&self.prior.calibrations())
+    fn prior_values(&self) -> Vec<f64> {
+        values_of(&self.solution().parameters, &calibrations(self.prior))
     }
 
-    fn hand_values(&self) -> Option<[f64; UNKNOWNS]> {
-        self.calibrated.first_order.as_ref().ok().map(values)
+    fn hand_values(&self) -> Option<Vec<f64>> {
+        let hand = self.calibrated.first_order.as_ref().ok()?;
+        Some(values_of(&self.solution().parameters, hand))
     }
 
     fn verdict(&self) -> String {
@@ -87,7 +89,7 @@ impl CalibrationPage<'_> {
             probability: percent(probability),
             condition: solution.condition,
             largest: largest.map(|(sigmas, parameter)| map! { label: parameter.label(), sigmas: sigmas }),
-            no_hand: self.calibrated.first_order.as_ref().err().map(ToString::to_string),
+            no_hand: self.calibrated.first_order.as_ref().err().filter(|_| !solution.is_described()).map(ToString::to_string),
             noise: noise.iter().any(|sigma| *sigma > 0.0).then_some(noise),
         };
         filled(include_str!("verdict.html"), &values)
@@ -97,12 +99,17 @@ impl CalibrationPage<'_> {
         let solution = self.solution();
         let (solved, sigmas) = (solution.values(), solution.sigmas());
         let (before, hand) = (self.prior_values(), self.hand_values());
-        let rows = CalibrationParameter::all().enumerate().map(|(index, parameter)| {
+        let rows = solution.parameters.iter().enumerate().map(|(index, &parameter)| {
             let ((size, unit_of_sigma), (value, unit)) =
                 (sigma_unit(parameter), value_and_unit(parameter, solved[index]));
             let change = solved[index] - before[index];
-            let hand =
-                hand.map_or_else(|| "–".to_owned(), |hand| in_sigmas((hand[index] - solved[index]) / sigmas[index]));
+            if !solution.is_determined(parameter) {
+                let none = || "–".to_owned();
+                return vec![escape(&parameter.label()), none(), unit.to_owned(), none(), none(), none(), none()];
+            }
+            let hand = hand
+                .as_ref()
+                .map_or_else(|| "–".to_owned(), |hand| in_sigmas((hand[index] - solved[index]) / sigmas[index]));
             vec![
                 escape(&parameter.label()),
                 value,
@@ -115,7 +122,11 @@ impl CalibrationPage<'_> {
         });
         let header = ["parameter", "value", "unit", "sigma", "change", "change", "hand method"];
         let caption = "Values, 1 sigma, change from the prior value, and difference of the hand method";
-        format!("<h2>Parameters</h2>\n{}", table(caption, &header, rows))
+        let mut text = format!("<h2>Parameters</h2>\n{}", table(caption, &header, rows));
+        if solution.is_described() {
+            described_lines(self.calibrated).iter().for_each(|line| text += &format!("<p>{}</p>\n", escape(line)));
+        }
+        text
     }
 
     fn residuals(&self) -> String {
@@ -126,7 +137,7 @@ impl CalibrationPage<'_> {
         );
         text += CHART_HINT;
         text += "<div class=\"figures\">\n";
-        for gyro in Gyro::ALL {
+        for gyro in gyros(self.solution()) {
             text += &self.residuals_of(gyro);
         }
         text + "</div>\n"
@@ -197,7 +208,7 @@ impl CalibrationPage<'_> {
                     share.clamp(0.0, 1.0) * 100.0
                 ),
             ];
-            row.extend(Gyro::ALL.map(|gyro| {
+            row.extend(gyros(solution).map(|gyro| {
                 let residual = solution.residuals.iter().find(|one| one.manoeuvre == index && one.gyro == gyro);
                 residual.map_or_else(
                     || "–".to_owned(),
@@ -218,7 +229,8 @@ impl CalibrationPage<'_> {
             }));
             row
         });
-        let header = ["manoeuvre", "start, s", "length, s", "leverage", "GYRX", "GYRY", "GYRZA", "GYRZB"];
+        let header = ["manoeuvre", "start, s", "length, s", "leverage"].into_iter();
+        let header: Vec<&str> = header.chain(gyros(solution).map(Gyro::name)).collect();
         let caption = "Manoeuvres, leverage on their own equations, and residuals in arcsec";
         let mut text = format!("<h2>Manoeuvres</h2>\n{}", table(caption, &header, rows));
         let _ = writeln!(
@@ -227,7 +239,7 @@ impl CalibrationPage<'_> {
              0, that it could be left out.</p>\n<h3>Left out</h3>"
         );
         if left_out.is_empty() {
-            text += "<p>None: every calibration manoeuvre was used with all four gyros.</p>\n";
+            text += "<p>None: every calibration manoeuvre was used with all gyros.</p>\n";
         } else {
             let rows = left_out.iter().map(|one| {
                 let gyro = one.gyro.map_or("all", Gyro::name);
@@ -267,11 +279,6 @@ fn value_and_unit(parameter: CalibrationParameter, value: f64) -> (String, &'sta
         _ => (value * size, unit, 3),
     };
     (format!("{value:.decimals$}").replace('-', "−"), unit)
-}
-
-/// Index of a calibration parameter.
-fn position(parameter: CalibrationParameter) -> usize {
-    solve::PER_GYRO * parameter.gyro.index() + parameter.index
 }
 
 fn percent(probability: f64) -> String {

@@ -3,9 +3,11 @@
 use std::fmt::Write;
 
 use geu_calibration::compare::{MIN_PROBABILITY, stability_per_day};
-use geu_calibration::solve::{CalibrationParameter, UNKNOWNS, values};
+use geu_calibration::solve::{CalibrationParameter, PER_GYRO, Solution, UNKNOWNS, values_of};
 use geu_calibration::{Calibrated, Comparison, PreviousCalibration};
 use geu_model::Configuration;
+use geu_model::package::Calibration;
+use geu_model::units::ARCSEC_PER_DEG;
 use geu_protocol::{Gyro, map};
 
 use super::{moved_words, sigma_unit};
@@ -15,10 +17,11 @@ use crate::text_table::text_table;
 /// The result for a terminal.
 pub fn table(prior: &Configuration, calibrated: &Calibrated) -> String {
     let solution = &calibrated.solution;
+    let (parameters, is_described) = (&solution.parameters, solution.is_described());
     let (solved, sigmas) = (solution.values(), solution.sigmas());
-    let before = values(&prior.calibrations());
-    let hand = calibrated.first_order.as_ref().map(values);
-    let rows = CalibrationParameter::all().enumerate().map(|(index, parameter)| {
+    let before = values_of(parameters, &calibrations(prior));
+    let hand = calibrated.first_order.as_ref().map(|hand| values_of(parameters, hand));
+    let rows = parameters.iter().enumerate().map(|(index, parameter)| {
         let (unit, digits, size, sigma_unit) = match parameter.index {
             0 => ("", 7, 1e6, "ppm"),
             1 => ("arcsec/half s", 6, 1.0, ""),
@@ -32,23 +35,83 @@ pub fn table(prior: &Configuration, calibrated: &Calibrated) -> String {
             _ => format!("{:.3} {sigma_unit}", sigmas[index] * size),
         };
         let change = format!("{:+.1}", (solved[index] - before[index]) / sigmas[index]);
-        [parameter.label(), format!("{:.digits$}", solved[index]), sigma, unit.to_owned(), change, hand]
+        match solution.is_determined(*parameter) {
+            true => [parameter.label(), format!("{:.digits$}", solved[index]), sigma, unit.to_owned(), change, hand],
+            false => {
+                [parameter.label(), "not determined".to_owned(), "–".to_owned(), unit.to_owned(), "–".to_owned(), hand]
+            }
+        }
     });
     let header = ["parameter", "value", "sigma", "unit", "change/σ", "hand method/σ"];
-    let text = text_table("<26 >14 >11  <14 >10  >14", header, rows);
+    let text = match is_described {
+        true => {
+            let rows = rows.map(|[label, value, sigma, unit, change, _]| [label, value, sigma, unit, change]);
+            text_table("<36 >14 >11  <14 >10", ["parameter", "value", "sigma", "unit", "change/σ"], rows)
+        }
+        false => text_table("<26 >14 >11  <14 >10  >14", header, rows),
+    };
     let noise = calibrated.reference_sigma_arcsec;
     let values = map! {
         table: text,
-        manoeuvres: manoeuvre_table(calibrated),
+        manoeuvres: if is_described { described_lines(calibrated).join("\n") } else { manoeuvre_table(calibrated) },
         chi2: solution.chi2,
         freedom: solution.degrees_of_freedom as u32,
         probability: solution.probability(),
         condition: solution.condition,
-        no_hand: calibrated.first_order.as_ref().err().map(ToString::to_string),
+        no_hand: calibrated.first_order.as_ref().err().filter(|_| !is_described).map(ToString::to_string),
         noise: noise.iter().any(|sigma| *sigma > 0.0).then_some(noise),
         is_unexplained: solution.probability() < MIN_PROBABILITY,
     };
     filled(include_str!("text.txt"), &values).trim_end().to_owned()
+}
+
+/// Further results of a described unit.
+pub fn described_lines(calibrated: &Calibrated) -> Vec<String> {
+    let Calibrated { solution, observations, noise, .. } = calibrated;
+    let mut lines = vec![format!("{} windows", observations.len())];
+    let open: Vec<String> = solution.open().into_iter().map(CalibrationParameter::label).collect();
+    if !open.is_empty() {
+        let largest = |axis: usize| {
+            let turned = observations.iter().map(|own| own.rotation_control_arcsec[axis].abs());
+            turned.fold(0.0, f64::max) / ARCSEC_PER_DEG
+        };
+        lines.push(format!(
+            "the motion does not determine {}: within a window it turns by at most {:.3}, {:.3}, {:.3} deg about X, Y, Z, or about these \
+             axes only together",
+            open.join(", "),
+            largest(0),
+            largest(1),
+            largest(2)
+        ));
+    }
+    let [offset, clock] = solution.times();
+    lines.extend(offset.map(|(value, sigma)| format!("time offset: {:+.3} ± {:.3} ms", value * 1e3, sigma * 1e3)));
+    lines.extend(clock.map(|(value, sigma)| format!("clock: {:+.3} ± {:.3} ppm", value * 1e6, sigma * 1e6)));
+    let walks = gyros(solution).zip(noise).map(|(gyro, walk)| format!("{} {walk:.5}", gyro.name()));
+    lines.push(format!("angle random walk: {} arcsec/√s", walks.collect::<Vec<_>>().join(", ")));
+    lines.extend(solution.parity.iter().map(|own| {
+        let weights: Vec<String> =
+            own.weights.iter().map(|(gyro, weight)| format!("{weight:+.3} {}", gyro.name())).collect();
+        format!(
+            "parity residual of {} over a window: rms {:.4} arcsec, by the noise {:.4}; largest {:.1} sigma at {:.1} s",
+            weights.join(" "),
+            own.rms_arcsec,
+            own.sigma_arcsec,
+            own.largest_sigmas,
+            observations[own.largest].start_s
+        )
+    }));
+    lines
+}
+
+/// Gyros of the unit.
+pub fn gyros(solution: &Solution) -> impl Iterator<Item = Gyro> {
+    solution.parameters.iter().step_by(PER_GYRO).map(|own| own.gyro)
+}
+
+/// Calibration of each gyro of a unit.
+pub fn calibrations(configuration: &Configuration) -> Vec<Calibration> {
+    configuration.gyros.iter().map(|own| own.calibration).collect()
 }
 
 fn manoeuvre_table(calibrated: &Calibrated) -> String {
