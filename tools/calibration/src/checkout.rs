@@ -274,8 +274,7 @@ pub fn campaign(
             let reduced = solution.chi2 / solution.degrees_of_freedom.max(1) as f64;
             let first_order = calibrated.first_order.as_ref().ok().map(|first_order| errors(&values(first_order)));
             let (errors, own) = (errors(&solution.values()), solution.sigmas());
-            let sigmas = std::array::from_fn(|index| own[index]);
-            Ok(Run { errors, sigmas, reduced_chi2: reduced, first_order })
+            Ok(Run { errors, sigmas: std::array::from_fn(|index| own[index]), reduced_chi2: reduced, first_order })
         })
         .collect();
     let failed = all.iter().enumerate().filter_map(|(run, one)| Some((run, one.as_ref().err()?.clone()))).collect();

@@ -97,7 +97,12 @@ fn diagnose(
     options: &DiagnosisOptions,
 ) -> Diagnosis {
     let progress = options.progress;
-    let solution = Solution::new(measured, nominal, options, true);
+    let mut solution = Solution::new(measured, nominal, options, true);
+    let uneven = solution.uneven(options.seed);
+    if let Some(uneven) = &uneven {
+        findings.push(uneven_noise(uneven));
+        solution = Solution::new(uneven, nominal, options, true);
+    }
     findings.extend(solution.is_closed_loop().then(|| closed_loop(solution.correlation)));
     findings.extend(measured.smoothed.as_deref().and_then(glitches));
     findings.extend(measured.reference_sigma.as_ref().and_then(ReferenceSigma::finding));
@@ -224,6 +229,10 @@ impl Report<'_> {
             let is_left = |gyro: usize| channels[gyro] > thresholds.whiteness_statistic || overfitted[gyro];
             case.measured.gyros().filter(is_left)
         };
+        let is_uneven = case.measured.noise_scale.is_some();
+        if is_uneven {
+            selected.drop_outliers(case);
+        }
         let mut overfitted = selected.overfitted_gyros(case.nominal);
         for other in [selected.beside_nonlinear_filter(self.entries.bank), selected.following_variables(case)] {
             overfitted = overfitted.and(other);
@@ -234,8 +243,9 @@ impl Report<'_> {
         let limits = LazyCell::new(|| kurtosis_limits(case, &selected.state, &selected.normal, self.seed));
         for found in selected.noise.iter().filter(|found| found.is_significant(&selected.state)) {
             let (channel, noise) = (found.channel, &selected.state.noise[found.channel]);
-            let is_changed = kurtosis(&left[channel]) > limits[channel]
-                || noise::change_chi2(case, channel, noise, found.walk, &residual, &nuisances) > CHANGED_CHI2;
+            let is_changed = !is_uneven
+                && (kurtosis(&left[channel]) > limits[channel]
+                    || noise::change_chi2(case, channel, noise, found.walk, &residual, &nuisances) > CHANGED_CHI2);
             if is_changed {
                 overfitted = overfitted.and(overfitted.only(channel));
             }
@@ -248,7 +258,8 @@ impl Report<'_> {
             selected.prune(case, thresholds);
         }
         let gyros = unexplained(&selected.normal.projected_residual(), &overfitted);
-        selected.noise.retain(|found| found.is_significant(&selected.state));
+        // What is uneven has no name.
+        selected.noise.retain(|found| !is_uneven && found.is_significant(&selected.state));
         // On an unexplained gyro larger noise only absorbs the residual.
         selected.reset_noise(case, &gyros);
         selected.widen_onsets(case);
@@ -307,14 +318,33 @@ fn closed_loop(correlation: f64) -> Finding {
     }
 }
 
+/// The finding of noise that changes in the course of the recording.
+fn uneven_noise(measured: &MeasuredData) -> Finding {
+    let scales = || measured.noise_scale.iter().flat_map(|scales| scales.iter().flatten());
+    let [lowest, largest] = [scales().copied().fold(f64::INFINITY, f64::min), scales().copied().fold(0.0, f64::max)];
+    let is_uneven = |gyro: usize| measured.noise_scale.as_ref().is_some_and(|scales| !scales[gyro].is_empty());
+    Finding {
+        kind: "uneven-noise".to_owned(),
+        place: measured.gyros().filter(is_uneven).names().join(", "),
+        text: format!(
+            "the noise is {:.2} to {:.2} times its mean: the weights follow it",
+            lowest.sqrt(),
+            largest.sqrt()
+        ),
+    }
+}
+
 /// The finding of dead zones that are not searched.
 fn zones(up_to_arcsec_per_s: f64) -> Option<Finding> {
     (up_to_arcsec_per_s > 0.0).then(|| Finding {
         kind: "dead-zone-not-searched".to_owned(),
         place: "the whole recording".to_owned(),
-        text: format!(
-            "dead zones up to {up_to_arcsec_per_s:.1} arcsec/s are not searched: small motions come from the counts or follow them"
-        ),
+        text: match up_to_arcsec_per_s.is_finite() {
+            true => format!(
+                "dead zones up to {up_to_arcsec_per_s:.1} arcsec/s are not searched: small motions come from the counts or follow them"
+            ),
+            false => "dead zones and lags of a gyro alone are not searched: the motion contains the noise of the reference".to_owned(),
+        },
     })
 }
 

@@ -30,6 +30,8 @@ use geu_hypothesis::amplitude::AmplitudeRef;
 
 /// Lag of the link, up to 5 ms (protocol/ICD.md): mean and 1 sigma.
 const LINK_LAG_S: (f64, f64) = (0.0025, 0.0025 / 1.732_050_807_568_877_2);
+/// Minimum cosine of the signatures of a calibration parameter and of its effect: the one has the fitted lag, the other none.
+const SAME_PARAMETER: f64 = 0.99;
 /// Minimum cosine of equal signatures.
 const SAME_SIGNATURE: f64 = 0.999;
 /// Relative 1 sigma of a flicker by its model: the spectrum of processes one a decade is 0.89 to 1.05 times that of a flicker.
@@ -199,7 +201,8 @@ impl Entries<'_> {
             state.reset_undetermined_lag();
             return None;
         }
-        let (amplitude, ratio) = self.constant_effect(self.case.nuisances.last()?, AmplitudeRef::is_of_unit)?;
+        let (amplitude, ratio) =
+            self.constant_effect(self.case.nuisances.last()?, AmplitudeRef::is_of_unit, EXACT_SIGNATURE)?;
         // A part of it is that of the link.
         let link_s = if self.case.measured.counts.is_received { LINK_LAG_S } else { (0.0, 0.0) };
         let hypothesis = Hypothesis::constant(amplitude, (lag_s - link_s.0) * ratio, self.case.measured.gyros());
@@ -228,6 +231,7 @@ impl Entries<'_> {
         &self,
         nuisance: &[Option<Vec<f64>>; CHANNELS],
         is_candidate: impl Fn(&AmplitudeRef) -> bool,
+        min_cosine: f64,
     ) -> Option<(AmplitudeRef, f64)> {
         let of_base = |base: &ConstantSignature| {
             let mut sums = [0.0; 3];
@@ -243,7 +247,7 @@ impl Entries<'_> {
         let constant = self.bank.bases.iter().filter(|base| base.amplitude.formula().is_none());
         let all = constant.filter(|base| is_candidate(&base.amplitude)).map(of_base);
         let (cosine, amplitude, ratio) = all.max_by(|one, other| one.0.total_cmp(&other.0))?;
-        (cosine > EXACT_SIGNATURE).then_some((amplitude, ratio))
+        (cosine > min_cosine).then_some((amplitude, ratio))
     }
 
     /// The effect of a changed calibration parameter, and the name and value per unit of each of its numbers. At rest a scale factor has
@@ -256,7 +260,7 @@ impl Entries<'_> {
                     let own = name(number);
                     own == amplitude.size().name || own.starts_with(&amplitude.code().replace('-', "_"))
                 };
-                let (amplitude, ratio) = self.constant_effect(&self.case.nuisances[index], is_own)?;
+                let (amplitude, ratio) = self.constant_effect(&self.case.nuisances[index], is_own, SAME_PARAMETER)?;
                 Some((amplitude.code(), vec![(amplitude.size().name, ratio)]))
             }
             ref several => {

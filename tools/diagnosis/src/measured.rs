@@ -106,6 +106,8 @@ pub struct MeasuredData {
     pub samples: usize,
     /// Weights of the nodes of gyros of which the angles are dequantised, counts⁻².
     pub weights: [Option<Arc<Vec<f64>>>; TIMING],
+    /// Variance of all noise of each gyro in each block, as a multiple of that of the noise model, if it differs.
+    pub noise_scale: Option<Arc<[Vec<f64>; TIMING]>>,
     /// Blocks of each channel. The channel of the times has usable ones only with receive times.
     pub blocks: [Vec<Block>; CHANNELS],
     /// Model runs on this recording. The fields above must not change after the first run; a clone starts without runs.
@@ -200,6 +202,7 @@ impl MeasuredData {
             counts,
             reference,
             smoothed,
+            noise_scale: None,
             reference_sigma,
             samples,
             weights: Default::default(),
@@ -291,6 +294,12 @@ impl MeasuredData {
             }
             None => nodes(block).map(value).sum::<f64>() / BLOCK as f64,
         }
+    }
+
+    /// The recording with noise that changes from block to block.
+    #[must_use]
+    pub fn with_noise_scale(&self, scales: [Vec<f64>; TIMING]) -> MeasuredData {
+        MeasuredData { noise_scale: Some(Arc::new(scales)), ..self.clone() }
     }
 
     /// The recording with angles in place of counts, estimated for each gyro along the first of these paths that its counts do not

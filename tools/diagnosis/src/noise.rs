@@ -2,6 +2,7 @@
 
 mod differences;
 mod minimum;
+mod uneven;
 
 use geu_checks::median;
 use std::borrow::Cow;
@@ -19,6 +20,7 @@ use crate::rounding::{BlockRounding, Rounding};
 use crate::significance::MEDIAN_OF_NORMAL;
 use crate::whitening::{NoiseModel, Whitening};
 use minimum::{lowest, minimise};
+pub use uneven::scales;
 
 /// Maximum number of iterations of a fit of walk and white noise.
 const ITERATIONS: usize = 12;

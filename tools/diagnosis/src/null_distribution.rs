@@ -224,19 +224,21 @@ fn draw(case: &DiagnosisCase, model: &ModelRun, noise: &[NoiseModel; CHANNELS], 
         let weights = measured.weights[channel].as_ref();
         let mut of_block = |block: usize| {
             let mut sum = 0.0;
+            // All noise of a block but that of the rate and the rounding.
+            let root_scale = case.rounding[channel][block].walk_scale.sqrt();
             if let Some(turns) = turns {
-                walk += turns[block].map(|sigma| sigma * of_turns.standard_normal()).sum();
+                walk += root_scale * turns[block].map(|sigma| sigma * of_turns.standard_normal()).sum();
             }
             for node in nodes(block) {
                 rate += own.rate_walk * root_s * stream.standard_normal();
-                walk += rate * interval_s + own.angle_walk * root_s * stream.standard_normal();
+                walk += rate * interval_s + root_scale * own.angle_walk * root_s * stream.standard_normal();
                 if let Some(flicker) = &mut flicker {
                     walk += own.flicker / S_PER_H * flicker.advance(interval_s, &mut stream) * interval_s;
                 }
                 let angle = model[channel][node];
                 if own.scale_walk > 0.0 {
                     let turned = angle - model[channel][node.saturating_sub(1)];
-                    walk += own.scale_walk * PPM * turned * stream.standard_normal() / root_s;
+                    walk += root_scale * own.scale_walk * PPM * turned * stream.standard_normal() / root_s;
                 }
                 sum += match weights {
                     Some(weights) => weights[node] * walk,

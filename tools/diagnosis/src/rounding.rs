@@ -36,6 +36,8 @@ pub struct BlockRounding {
     pub reference_walk: f64,
     /// Variance of the white noise, as a multiple of [`crate::whitening::NoiseModel::white`].
     pub white_scale: f64,
+    /// Growth of the angle's variance by a walk of the angle, as a multiple of that of the noise model.
+    pub walk_scale: f64,
     /// Growth of the angle's variance over the block by a scale factor with white noise of 1 ppm·√s, counts².
     pub scale_walk: f64,
 }
@@ -48,8 +50,18 @@ impl BlockRounding {
         second_difference: 0.0,
         reference_walk: 0.0,
         white_scale: 1.0,
+        walk_scale: 1.0,
         scale_walk: 0.0,
     };
+}
+
+impl BlockRounding {
+    /// Multiplies the variance of all noise but the rounding.
+    fn scale_noise(&mut self, scale: f64) {
+        for own in [&mut self.reference_walk, &mut self.white_scale, &mut self.walk_scale, &mut self.scale_walk] {
+            *own *= scale;
+        }
+    }
 }
 
 /// Statistics of each block of each channel.
@@ -72,6 +84,9 @@ pub fn rounding(measured: &MeasuredData, model: &ModelRun) -> Rounding {
             walk.for_each(|(block, walk)| block.reference_walk = walk.norm_squared());
             let scale = rounding.iter_mut().zip(&smoothed.white_scale[channel]);
             scale.for_each(|(block, scale)| block.white_scale = *scale);
+        }
+        if let Some(scales) = &measured.noise_scale {
+            rounding.iter_mut().zip(&scales[channel]).for_each(|(block, scale)| block.scale_noise(*scale));
         }
         rounding
     })

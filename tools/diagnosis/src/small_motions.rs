@@ -97,6 +97,13 @@ impl SignatureBank {
         self
     }
 
+    /// The signatures without effects that withhold motions.
+    #[must_use]
+    pub fn without_filters_of_motion(mut self) -> SignatureBank {
+        self.bases.retain(|base| !base.amplitude.filters_motion());
+        self
+    }
+
     /// Value up to which an amplitude is not searched.
     pub fn unsearched(&self, base: &ConstantSignature) -> f64 {
         self.unknown_rate_arcsec_per_s.filter(|_| base.is_zone()).unwrap_or(f64::NEG_INFINITY)
@@ -117,6 +124,12 @@ fn turned(counts: &[f64]) -> f64 {
     max - min
 }
 
+/// True for a described unit beside a noisy reference: an effect that withholds motions withholds the errors of the reference as well, which may
+/// be as large as any motion.
+pub fn has_noisy_motion(measured: &MeasuredData, nominal: &Configuration) -> bool {
+    measured.smoothed.is_some() && !nominal.device.is_iras()
+}
+
 /// Rate up to which a dead zone is not searched, arcsec/s: that of small motions if these answer the counts or are taken from them. Such a zone
 /// withholds the noise of the gyros, and explains it.
 pub fn unknown_rate_arcsec_per_s(
@@ -127,7 +140,9 @@ pub fn unknown_rate_arcsec_per_s(
 ) -> f64 {
     let scale_factors = nominal.gyros.iter().map(|gyro| gyro.calibration.scale_factor);
     let largest = scale_factors.fold(0.0, f64::max);
-    if answers_counts || measured.smoothed.is_some() {
+    if has_noisy_motion(measured, nominal) {
+        f64::INFINITY
+    } else if answers_counts || measured.smoothed.is_some() {
         small_arcsec.iter().take(measured.gyros().heads()).copied().fold(0.0, f64::max) / measured.block_s() * largest
     } else {
         0.0

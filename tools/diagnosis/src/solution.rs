@@ -14,12 +14,13 @@ use crate::measured::{BLOCK, CHANNELS, MeasuredData, ModelRun, Shifts};
 use crate::model_selection::{MAX_PER_GYRO, Searches, SelectedModel, select_model};
 use crate::model_state::ModelState;
 use crate::noise;
-use crate::null_distribution::{Thresholds, thresholds};
+use crate::normal_equations::NormalEquations;
+use crate::null_distribution::{Thresholds, kurtosis_limits, thresholds};
 use crate::rounding::{CLOSED_LOOP, CLOSED_LOOP_WITH_EFFECTS, correlation_with_motion};
 use crate::signature_bank::SignatureBank;
 use crate::significance::{FOUR_SIGMA_CHI2, THREE_SIGMAS};
-use crate::small_motions::{small_arcsec, unknown_rate_arcsec_per_s};
-use crate::whiteness::whiteness_statistic;
+use crate::small_motions::{has_noisy_motion, small_arcsec, unknown_rate_arcsec_per_s};
+use crate::whiteness::{kurtosis, whiteness_statistic};
 use crate::whitening::NoiseModel;
 use geu_hypothesis::Hypothesis;
 use geu_hypothesis::amplitude::AmplitudeRef;
@@ -98,7 +99,10 @@ impl<'a> Solution<'a> {
         let start = case.start(noise);
         let correlation = |path: &ModelRun| if has_counts { correlation_with_motion(measured, path) } else { 0.0 };
         let is_loop = correlation(&path) > CLOSED_LOOP;
-        let whole = SignatureBank::new(measured, nominal);
+        let mut whole = SignatureBank::new(measured, nominal);
+        if has_noisy_motion(measured, nominal) {
+            whole = whole.without_filters_of_motion();
+        }
         case.linear = LinearSignatures::new(whole.linear());
         // The reference of a described unit may be as noisy as its gyros, and its motion may be taken from them.
         let contains_noise = !has_counts || is_loop || !nominal.device.is_iras();
@@ -153,6 +157,26 @@ impl<'a> Solution<'a> {
         let bank = if needs_formulas { whole.and(&formulas) } else { whole };
         let correlation = correlation(&case.run(&selected.state));
         Solution { case, start, bank, thresholds, selected, unknown_rate_arcsec_per_s, correlation }
+    }
+
+    /// The recording with noise that changes from block to block, if the noise model as a whole does not describe its residual: that of a
+    /// reference by cameras changes with the pose and the rate. Not of the default unit, of which the noise is configured.
+    pub fn uneven(&self, seed: u64) -> Option<MeasuredData> {
+        let Solution { case, selected, start, .. } = self;
+        if case.nominal.device.is_iras() {
+            return None;
+        }
+        let left = selected.normal.projected_residual();
+        let limits = kurtosis_limits(case, &selected.state, &selected.normal, seed);
+        let is_uneven = case.measured.gyros().filter(|gyro| kurtosis(&left[gyro]) > limits[gyro]);
+        if is_uneven.is_empty() {
+            return None;
+        }
+        let (residual, a_priori) = (case.residual(&selected.state), case.a_priori(&selected.state.calibration));
+        let of_start = NormalEquations::new(case.whitenings(&start.noise), &residual, &case.nuisances, &a_priori);
+        let left = of_start.projected_residual();
+        let scales = std::array::from_fn(|gyro| if is_uneven[gyro] { noise::scales(&left[gyro]) } else { Vec::new() });
+        Some(case.measured.with_noise_scale(scales))
     }
 
     pub fn is_closed_loop(&self) -> bool {
@@ -234,6 +258,8 @@ fn key(
     // Without stated sigmas all are 1.
     let scales = measured.smoothed.iter().flat_map(|smoothed| smoothed.white_scale.iter().flatten());
     scales.filter(|scale| **scale != 1.0).for_each(|scale| push(&tenths(scale.ln())));
+    let scales = measured.noise_scale.iter().flat_map(|scales| scales.iter().flatten());
+    scales.for_each(|scale| push(&tenths(scale.ln())));
     for channel in 0..CHANNELS {
         for block in &measured.blocks[channel] {
             push(&[u8::from(block.is_good), u8::from(block.restarts)]);

@@ -1,8 +1,8 @@
 //! Whitening filter of an accumulated angle: noise becomes white, of variance 1.
 //!
 //! A Kalman filter of angle, drift rate, flicker and rounding error predicts each block from those before it; the innovation over its own
-//! deviation is white. The filter is linear and independent of the data, thus the same for a residual and for every signature (Willsky and Jones).
-//! After a restart of the sum the first block only initialises the angle.
+//! deviation is white. The filter is linear and the same for a residual and for every signature (Willsky and Jones). After a restart of the
+//! sum the first block only initialises the angle.
 
 mod covariance;
 mod tails;
@@ -71,9 +71,9 @@ impl Whitening {
         let (mut anew, mut log_determinant) = (true, 0.0);
         let mut slow_gains = Vec::with_capacity(if covariance.has_flicker() { blocks.len() } else { 0 });
         let step = |(number, block): (usize, &Block)| {
-            let own = rounding[number];
-            let white = noise.white * own.white_scale;
-            let angle = covariance.angle_walk + noise.scale_walk.powi(2) * own.scale_walk + own.reference_walk;
+            let (own, white) = (rounding[number], noise.white * rounding[number].white_scale);
+            let walk = covariance.angle_walk * own.walk_scale;
+            let angle = walk + noise.scale_walk.powi(2) * own.scale_walk + own.reference_walk;
             anew |= block.restarts;
             let average = covariance.advance(angle, white);
             let (mut gains, mut weight) = (OfState::default(), 0.0);

@@ -54,6 +54,7 @@ impl MeasuredData {
             counts,
             reference: Arc::new(motion),
             smoothed: None,
+            noise_scale: None,
             reference_sigma: None,
             samples,
             weights: Default::default(),

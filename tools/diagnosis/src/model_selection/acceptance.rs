@@ -19,15 +19,11 @@ use geu_hypothesis::Hypothesis;
 use geu_protocol::Gyros;
 
 use super::noise::drift_noise_fall;
-use super::selected::{MAX_PER_GYRO, RejectedHypothesis, SelectedModel};
+use super::selected::{FEW_SAMPLES, MAX_PER_GYRO, RejectedHypothesis, SelectedModel};
 
 /// A smaller share of the whole χ² reduction may be an error of the other hypotheses: a signature with a cosine of 0.995 to the true
 /// one leaves as much.
 const NEGLIGIBLE: f64 = 0.01;
-/// Factor of a drift's threshold beside a noise of the drift that was fitted: three hours have 18 intervals of ten minutes, 16 without
-/// a constant and a slope, that show how large this noise is in a drift. Student's t with 16 degrees of freedom reaches three times a
-/// χ² of 28 as rarely as a normal variable reaches 28.
-const FEW_SAMPLES: f64 = 3.0;
 
 /// A χ² reduction that is negligible against that of all hypotheses and the lag, with calibration parameters fitted in any case.
 pub(super) fn negligible(case: &DiagnosisCase, state: &ModelState, normal: &NormalEquations) -> f64 {

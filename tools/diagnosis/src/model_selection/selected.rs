@@ -56,6 +56,11 @@ pub(super) struct RejectedHypothesis {
     pub(super) score: f64,
 }
 
+/// Factor of a threshold beside noise of which few samples show the size. Of a drift's: three hours have 18 intervals of ten minutes, 16
+/// without a constant and a slope, that show how large a fitted noise of the drift is. Of noise that changes from block to block: 15 to 30
+/// blocks show its scale. Student's t with 16 degrees of freedom reaches three times a χ² of 28 as rarely as a normal variable reaches 28.
+pub(super) const FEW_SAMPLES: f64 = 3.0;
+
 /// One step of the selection, best candidates first.
 #[derive(Debug, Clone)]
 pub struct SelectionStep {
@@ -202,6 +207,29 @@ impl SelectedModel {
         let is_stated =
             |held: &FittedHypothesis| entry.corrections.contains(&Correction::Hypothesis(held.hypothesis.clone()));
         if let Some(index) = self.state.held.iter().position(is_stated) {
+            self.remove(index);
+            self.normal = case.fit(&mut self.state);
+        }
+    }
+
+    /// Removes the hypotheses of which the fall of χ² is below their threshold times [`FEW_SAMPLES`], or times the ratio by which the largest squared innovation on any
+    /// of their gyros exceeds that of normal noise, 2 ln of their number: noise with long tails exceeds a threshold more often, and makes
+    /// impossible hypotheses attractive.
+    pub fn drop_outliers(&mut self, case: &DiagnosisCase) {
+        self.rejected = None;
+        loop {
+            let left = self.normal.projected_residual();
+            let excess = |gyro: usize| {
+                let largest = left[gyro].iter().map(|value| value * value).fold(0.0, f64::max);
+                largest / (2.0 * (left[gyro].len() as f64).ln())
+            };
+            let beyond = |index: usize| {
+                let Chi2Fall { fall, threshold } = self.chi2_fall(case, index);
+                let gyros = &self.state.held[index].hypothesis.gyros;
+                fall - threshold * (0..TIMING).filter(|&gyro| gyros[gyro]).map(excess).fold(FEW_SAMPLES, f64::max)
+            };
+            let falls = (0..self.state.held.len()).map(|index| (index, beyond(index)));
+            let Some((index, _)) = falls.filter(|own| own.1 < 0.0).min_by(|a, b| a.1.total_cmp(&b.1)) else { return };
             self.remove(index);
             self.normal = case.fit(&mut self.state);
         }

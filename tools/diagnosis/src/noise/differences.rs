@@ -25,7 +25,8 @@ pub fn noise(residual: &[f64], blocks: &[Block], rounding: &[BlockRounding], blo
         let difference = |from: usize| {
             let [a, b, c, d] = [0, 1, 2, 3].map(|end| from + end * length);
             let sum = sums[b] - sums[a] - 2.0 * (sums[c] - sums[b]) + sums[d] - sums[c];
-            (unknown[d] == unknown[a]).then(|| sum.abs() / length as f64)
+            let scale = rounding[a..d].iter().map(|own| own.walk_scale).sum::<f64>() / (3 * length) as f64;
+            (unknown[d] == unknown[a]).then(|| sum.abs() / length as f64 / scale.sqrt())
         };
         let mut sizes: Vec<f64> = (0..(count + 1).saturating_sub(3 * length)).filter_map(difference).collect();
         let is_enough = sizes.len() >= MIN_DIFFERENCES * length;
