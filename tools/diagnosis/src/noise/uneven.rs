@@ -40,10 +40,10 @@ mod tests {
         let mut white: Vec<f64> = (0..300).map(|block| deviation(block) * stream.standard_normal()).collect();
         (white[50], white[250]) = (80.0, 0.0);
         let scales = scales(&white);
-        // The first and the last blocks of a motion have its noise, those beside them may have it.
+        // The blocks of a motion have its noise, those beside them may have it. The larger of two medians of 15 is mostly up to twice too large.
         for block in (0..85).chain(100..200).chain(215..300) {
             let ratio = scales[block].sqrt() / deviation(block);
-            assert!((0.5..2.2).contains(&ratio), "{block}: {ratio}");
+            assert!((0.5..2.6).contains(&ratio), "{block}: {ratio}");
         }
     }
 }
