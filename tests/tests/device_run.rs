@@ -218,7 +218,7 @@ fn what_a_unit_cannot_have_is_refused_with_the_reason() {
     refused(&stim("[[fault]]\nfault = \"dead\"\ngyro = \"GYRX\"\n"), &check, "X, Y, Z for `fault.0.gyro`");
     refused(
         &stim(""),
-        &["calibrate", "--link", "x.log", "--reference", "x.csv", "--config"],
+        &["watch", "x.log", "--reference", "x.csv", "--config"],
         "configuration of IRAS gyro unit, got Safran",
     );
     refused(&stim(""), &["config", "check", "--device", "tetrad"], "configuration of Skewed tetrad, got Safran");
