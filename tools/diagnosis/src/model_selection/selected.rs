@@ -212,7 +212,7 @@ impl SelectedModel {
         }
     }
 
-    /// Removes the hypotheses of which the fall of χ² is below their threshold times [`FEW_SAMPLES`], or times the ratio by which the largest squared innovation on any
+    /// Removes the hypotheses of which the fall of χ² is below their threshold times `FEW_SAMPLES`, or times the ratio by which the largest squared innovation on any
     /// of their gyros exceeds that of normal noise, 2 ln of their number: noise with long tails exceeds a threshold more often, and makes
     /// impossible hypotheses attractive.
     pub fn drop_outliers(&mut self, case: &DiagnosisCase) {
