@@ -327,7 +327,7 @@ fn uneven_noise(measured: &MeasuredData) -> Finding {
         kind: "uneven-noise".to_owned(),
         place: measured.gyros().filter(is_uneven).names().join(", "),
         text: format!(
-            "the noise is {:.2} to {:.2} times its mean: the weights follow it",
+            "the noise is {:.2} to {:.2} times that of the noise model: the weights follow it",
             lowest.sqrt(),
             largest.sqrt()
         ),

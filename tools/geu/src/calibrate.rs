@@ -159,7 +159,11 @@ fn run_described(
     }
     let windows = arguments.evaluation.windows()?;
     let input = AttitudeInput::read(arguments, configuration)?;
-    let AttitudeInput::Reference(reference) = &input else { return Ok(()) };
+    let AttitudeInput::Reference(reference) = &input else {
+        return Err(CommandError::input(format!(
+            "expected --reference FILE for {name}, got sensors of the default unit"
+        )));
+    };
     let recording =
         read_device(&arguments.link, &configuration.device, arguments.evaluation.start_ns(input.start_ns()))?;
     input.check_time_system(&recording.counts)?;

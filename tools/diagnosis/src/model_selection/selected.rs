@@ -58,7 +58,8 @@ pub(super) struct RejectedHypothesis {
 
 /// Factor of a threshold beside noise of which few samples show the size. Of a drift's: three hours have 18 intervals of ten minutes, 16
 /// without a constant and a slope, that show how large a fitted noise of the drift is. Of noise that changes from block to block: 15 to 30
-/// blocks show its scale. Student's t with 16 degrees of freedom reaches three times a χ² of 28 as rarely as a normal variable reaches 28.
+/// blocks show its scale; by their median, so that they count for fewer. Student's t with 16 degrees of freedom reaches three times a χ² of 28
+/// as rarely as a normal variable reaches 28.
 pub(super) const FEW_SAMPLES: f64 = 3.0;
 
 /// One step of the selection, best candidates first.
@@ -212,9 +213,9 @@ impl SelectedModel {
         }
     }
 
-    /// Removes the hypotheses of which the fall of χ² is below their threshold times `FEW_SAMPLES`, or times the ratio by which the largest squared innovation on any
-    /// of their gyros exceeds that of normal noise, 2 ln of their number: noise with long tails exceeds a threshold more often, and makes
-    /// impossible hypotheses attractive.
+    /// Removes hypotheses beside noise that changes: those of which the fall of χ² is below their threshold times `FEW_SAMPLES`, or times the
+    /// ratio of the largest squared innovation on their gyros to that of normal noise, which is 2 ln of the number of blocks. Noise with long
+    /// tails exceeds a threshold more often, also with hypotheses that are not possible: the rejected ones are no evidence.
     pub fn drop_outliers(&mut self, case: &DiagnosisCase) {
         self.rejected = None;
         loop {
