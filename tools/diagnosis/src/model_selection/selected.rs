@@ -213,7 +213,7 @@ impl SelectedModel {
         }
     }
 
-    /// Removes hypotheses beside noise that changes: those of which the fall of χ² is below their threshold times `FEW_SAMPLES`, or times the
+    /// Removes hypotheses beside noise that changes, if their fall of χ² is below their threshold times `FEW_SAMPLES`, or times the
     /// ratio of the largest squared innovation on their gyros to that of normal noise, which is 2 ln of the number of blocks. Noise with long
     /// tails exceeds a threshold more often, also with hypotheses that are not possible: the rejected ones are no evidence.
     pub fn drop_outliers(&mut self, case: &DiagnosisCase) {
