@@ -83,6 +83,7 @@ fn exchanged_and_inverted_heads_of_a_described_unit_are_named_and_corrected() {
     let swap = injected("axis-swap", &[0, 1], &[("on", 1.0)]);
     let (_, diagnosis) = diagnosed("stim300", 74, DeviceMotionKind::Hand, 900.0, swap);
     assert_eq!(missing(&diagnosis), [("axis-swap".to_owned(), vec!["X".to_owned(), "Y".to_owned()])]);
+    assert_eq!(diagnosis["effects"][0]["parameters"]["with"]["value"], "Y", "{}", diagnosis["effects"][0]);
     let inverted = injected("sign-inversion", &[2], &[("on", 1.0)]);
     let (_, diagnosis) = diagnosed("stim300", 75, DeviceMotionKind::Hand, 900.0, inverted);
     assert_eq!(missing(&diagnosis), [("sign-inversion".to_owned(), vec!["Z".to_owned()])]);

@@ -80,7 +80,8 @@ impl Entries<'_> {
     pub fn faults(&self) -> Vec<DiagnosedEffect> {
         let of = |fault: &WiringFault| {
             let mut entry = effect(&fault.hypothesis, &[]);
-            entry.parameters[0].written = Some(fault.hypothesis.amplitude.number().written(fault.hypothesis.value));
+            let (hypothesis, form) = (&fault.hypothesis, fault.hypothesis.amplitude.number().form);
+            entry.parameters[0].written = Some(form.written_of(hypothesis.value, &hypothesis.unit_gyros()));
             entry.gyros = entry.gyros.unit().filter(|gyro| fault.gyros.iter().any(|own| own.index() == gyro));
             entry
         };

@@ -202,6 +202,11 @@ impl Hypothesis {
         self.gyros.gyros().take(count).flat_map(of_gyro).collect()
     }
 
+    /// Gyros of the unit.
+    pub fn unit_gyros(&self) -> Vec<Gyro> {
+        self.gyros.unit().gyros().collect()
+    }
+
     /// The assignments below one table.
     fn values(
         &self,
@@ -218,7 +223,7 @@ impl Hypothesis {
         };
         let own = self.amplitude.own_shapes().iter().zip(&self.own_shapes);
         let course = self.amplitude.course_shapes().iter().zip(&self.course_shapes);
-        std::iter::once(format!("{path}.{code}.{} = {}", size.name, size.form.written(total)))
+        std::iter::once(format!("{path}.{code}.{} = {}", size.name, size.form.written_of(total, &self.unit_gyros())))
             .chain(own.map(|(number, value)| format!("{path}.{base}.{} = {value:?}", number.name)))
             .chain(course.map(|(number, value)| format!("{path}.{code}.{} = {value:?}", number.name)))
             .collect()
