@@ -89,6 +89,10 @@ pub struct AccumulatedCounts {
     pub node_s: Vec<f64>,
     /// Sum of the increments of each gyro up to each node, counts.
     pub accumulated: Vec<Vec<f64>>,
+    /// Coning of each gyro by each other one in the interval before each node: half the integral of the one's angle since the node before by the
+    /// other's, less the reverse. The turn of an interval is the sum of its increments only about an axis that does not move. Empty if each node is
+    /// a sample.
+    pub coning: Vec<Vec<Vec<f64>>>,
     /// Electronics temperature over the sample interval before each node, °C (node 0 as node 1).
     pub electronics_c: Vec<f64>,
     /// Sensor temperature at each node, °C, the last one known if a row has none; empty if no row has one.
@@ -141,6 +145,7 @@ impl AccumulatedCounts {
             is_received: false,
             node_s: vec![0.0],
             accumulated: vec![vec![0.0]; gyros.heads()],
+            coning: Vec::new(),
             electronics_c: Vec::new(),
             sensor_c: Vec::new(),
             received_late_s: Vec::new(),
@@ -166,6 +171,23 @@ impl AccumulatedCounts {
         self.push(end_s, &increments(sample), f64::from(sample.electronics_centi_c) * 0.01);
     }
 
+    /// Multiplies the angles of a gyro by a factor.
+    pub fn multiply(&mut self, gyro: usize, factor: f64) {
+        let of_others = self.coning.iter_mut().map(|own| &mut own[gyro]);
+        of_others.chain([&mut self.accumulated[gyro]]).flatten().for_each(|value| *value *= factor);
+        self.coning.get_mut(gyro).into_iter().flatten().flatten().for_each(|value| *value *= factor);
+    }
+
+    /// Exchanges the angles of two gyros.
+    pub fn exchange(&mut self, one: usize, other: usize) {
+        self.accumulated.swap(one, other);
+        self.rounded_to.swap(one, other);
+        if !self.coning.is_empty() {
+            self.coning.swap(one, other);
+            self.coning.iter_mut().for_each(|own| own.swap(one, other));
+        }
+    }
+
     /// Drops the samples after the first time that runs backward: instants after it would occur twice.
     fn cut_at_backward_time(&mut self) {
         if let Some(node) = self.node_s.windows(2).position(|pair| pair[1] <= pair[0]) {
@@ -174,7 +196,8 @@ impl AccumulatedCounts {
             self.electronics_c.truncate(node + 1);
             self.sensor_c.truncate(node + 1);
             self.received_late_s.retain(|received| received.0 <= node);
-            self.accumulated.iter_mut().for_each(|sums| sums.truncate(node + 1));
+            let series = self.accumulated.iter_mut().chain(self.coning.iter_mut().flatten());
+            series.for_each(|own| own.truncate(node + 1));
             self.breaks.retain(|found| found.from < node);
             self.breaks.iter_mut().for_each(|found| found.to = found.to.min(node));
         }

@@ -68,7 +68,7 @@ pub fn check_heads(
                 format!("the output is {factor:.6} times what the motion predicts{likely}: it is divided by that");
             findings.push(Finding { kind: "unit-factor".to_owned(), place: gyro.name().to_owned(), text });
             let exact = known_factor(factor).map_or(factor, |(exact, _)| exact);
-            counts.accumulated[head].iter_mut().for_each(|angle| *angle /= exact);
+            counts.multiply(head, 1.0 / exact);
         }
     }
     faults.extend(exchange(&mut counts, &by_own, configuration, &mut findings));
@@ -302,15 +302,14 @@ fn exchange(
     let mut faults = Vec::new();
     for head in 0..heads {
         if follows[head].factor < 0.0 && follows[head].explained > EXPLAINED {
-            counts.accumulated[head].iter_mut().for_each(|angle| *angle = -*angle);
+            counts.multiply(head, -1.0);
             let place = if axes[head] == follows[head].axis { axes[head] } else { head };
             faults.push(fault("sign-inversion.on", gyro(place), 1.0, counts.gyros, None, None, counts.len()));
         }
     }
     while let Some(head) = (0..heads).find(|&head| axes[head] != head) {
         let other = axes[head];
-        counts.accumulated.swap(head, other);
-        counts.rounded_to.swap(head, other);
+        counts.exchange(head, other);
         for found in &mut counts.breaks {
             let both = [found.gyros[other], found.gyros[head]];
             found.gyros = found.gyros.unit().filter(|gyro| match gyro {

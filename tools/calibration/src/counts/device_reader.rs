@@ -93,6 +93,8 @@ pub struct DeviceCountsReader {
     per_node: usize,
     /// Angle since the last node, arcsec.
     since: Vec<f64>,
+    /// Coning since then, arcsec².
+    coning: Vec<Vec<f64>>,
     /// Start of the first sample interval, ns, and number of the first sample.
     first: Option<(Option<i64>, u64)>,
     /// End of the last sample, in nominal samples since that start.
@@ -151,6 +153,7 @@ impl DeviceCountsReader {
             nodes: NodeReader::new(counts),
             per_node: 1,
             since: vec![0.0; gyros.heads()],
+            coning: vec![vec![0.0; gyros.heads()]; gyros.heads()],
             first: None,
             end: 0.0,
             group: String::new(),
@@ -194,6 +197,11 @@ impl DeviceCountsReader {
         loop {
             let next = ((self.nodes.node + 1) * self.per_node) as f64;
             let share = (next.min(to) - at).max(0.0) / (to - from);
+            for (one, own) in self.coning.iter_mut().enumerate() {
+                for (other, own) in own.iter_mut().enumerate() {
+                    *own += 0.5 * share * (self.since[one] * arcsec[other] - self.since[other] * arcsec[one]);
+                }
+            }
             self.since.iter_mut().zip(arcsec).for_each(|(since, arcsec)| *since += share * arcsec);
             at = at.max(next.min(to));
             if next > to + 1e-6 {
@@ -213,7 +221,9 @@ impl DeviceCountsReader {
         let electronics_c = electronics.or(sensor).or(heads).unwrap_or(UNKNOWN_C);
         let time = row.time.filter(|_| is_end && !self.is_table).map(|time| (time.t_ns, true));
         self.nodes.push(1, None, &self.since, electronics_c, electronics.and(sensor), time);
+        self.nodes.push_coning(&self.coning);
         self.since.fill(0.0);
+        self.coning.iter_mut().for_each(|own| own.fill(0.0));
         for (from, gyros, kind) in std::mem::take(&mut self.pending) {
             self.nodes.note(from, gyros, kind);
         }

@@ -146,9 +146,31 @@ impl NodeReader {
         self.counts.breaks.push(found);
     }
 
+    /// Adds the coning of the interval before the last node.
+    pub fn push_coning(&mut self, coning: &[Vec<f64>]) {
+        let heads = self.counts.gyros.heads();
+        let series = &mut self.counts.coning;
+        if series.is_empty() {
+            *series = vec![vec![vec![0.0]; heads]; heads];
+        }
+        series.iter_mut().flatten().zip(coning.iter().flatten()).for_each(|(series, value)| series.push(*value));
+    }
+
     /// Keeps every second node, the last of an even number.
     pub fn halve(&mut self) {
         let counts = &mut self.counts;
+        for (one, of_one) in counts.coning.iter_mut().enumerate() {
+            for (other, series) in of_one.iter_mut().enumerate() {
+                let angles = [&counts.accumulated[one], &counts.accumulated[other]];
+                let of_pair = |node: usize| {
+                    let [[before, after], [other_before, other_after]] =
+                        angles.map(|sums| [sums[node + 1] - sums[node], sums[node + 2] - sums[node + 1]]);
+                    series[node + 1] + series[node + 2] + 0.5 * (before * other_after - other_before * after)
+                };
+                let halved = (0..series.len() - 2).step_by(2).map(of_pair);
+                *series = std::iter::once(0.0).chain(halved).collect();
+            }
+        }
         let series = counts.accumulated.iter_mut().chain([&mut counts.electronics_c, &mut counts.sensor_c]);
         series.for_each(|series| *series = series.iter().copied().step_by(2).collect());
         counts.node_s.truncate(self.node / 2 + 1);
@@ -248,4 +270,44 @@ fn knots(points: &[(usize, f64)], averaged: usize) -> Vec<(f64, f64)> {
             (points.iter().map(|point| point.0 as f64).sum::<f64>() / points.len() as f64, median_s)
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    use geu_model::units::ARCSEC_PER_RAD;
+    use nalgebra::{UnitQuaternion, Vector3};
+
+    #[test]
+    fn the_sum_of_a_node_and_its_coning_are_the_turn_of_its_samples() {
+        // A cone of 10 degrees twice a second, at 1000 samples a second.
+        let turn = |sample: i32| {
+            let angle = std::f64::consts::TAU * 2e-3 * f64::from(sample);
+            Vector3::new(angle.cos(), angle.sin(), 0.1) * (0.175 * std::f64::consts::TAU * 2e-3)
+        };
+        let mut reader = NodeReader::new(AccumulatedCounts::of_unit(Gyros::ALL, 1e-3, 0));
+        let mut turned = vec![UnitQuaternion::identity()];
+        for sample in 0..1024 {
+            let arcsec = turn(sample) * ARCSEC_PER_RAD;
+            reader.push(1, None, &[arcsec.x, arcsec.y, arcsec.z, 0.0], 20.0, None, None);
+            reader.push_coning(&[[0.0; 4]; 4].map(Vec::from));
+            turned.push(turned[turned.len() - 1] * UnitQuaternion::from_scaled_axis(turn(sample)));
+        }
+        // Nodes of 64 samples.
+        (0..6).for_each(|_| reader.halve());
+        let counts = &reader.counts;
+        let error = |has_coning: bool| {
+            let mut attitude = UnitQuaternion::identity();
+            for node in 1..counts.node_s.len() {
+                let sum =
+                    Vector3::from_fn(|axis, _| counts.accumulated[axis][node] - counts.accumulated[axis][node - 1]);
+                let pair = |one: usize, other: usize| counts.coning[one][other][node] / ARCSEC_PER_RAD;
+                let coning = Vector3::new(pair(1, 2), pair(2, 0), pair(0, 1)) * f64::from(u8::from(has_coning));
+                attitude *= UnitQuaternion::from_scaled_axis((sum + coning) / ARCSEC_PER_RAD);
+            }
+            attitude.angle_to(&turned[1024]) * ARCSEC_PER_RAD
+        };
+        assert!(error(false) > 3000.0 && error(true) < 30.0, "{} {}", error(false), error(true));
+    }
 }

@@ -96,12 +96,14 @@ impl SmoothedReference {
         if inverse(&matrix, counts.gyros.with_mask(0)).is_none() {
             return (None, None);
         }
-        let turned = rotation(counts, reference, &matrix, nominal);
+        let (turned, coning) = rotation(counts, reference, &matrix, nominal);
         let is_coarse = counts.rounded_to.iter().all(|count| *count >= COARSE_ARCSEC);
         let turned = if is_coarse { without_rounding(&turned) } else { turned };
         let block_s = BLOCK as f64 * counts.interval_s;
-        let attitudes = attitudes(&turned);
-        let Some(mut rows) = rows(counts, &turned, &attitudes, reference, sigma_arcsec) else { return (None, None) };
+        let attitudes = attitudes(&turned, &coning);
+        let Some(mut rows) = rows(counts, (&turned, &coning), &attitudes, reference, sigma_arcsec) else {
+            return (None, None);
+        };
         let scale = Vector3::from_fn(|axis, _| second_difference_sigma(&rows, axis));
         let largest = rows.iter().map(|row| scale.component_mul(&row.sigma).max()).fold(0.0, f64::max);
         let is_stated = !sigma_arcsec.is_empty() && rows.len() > 2 * REACH_ROWS;
@@ -145,7 +147,7 @@ impl SmoothedReference {
         };
         let relative: Vec<Vector3<f64>> = counts.node_s.iter().copied().map(relative).collect();
         let smoothed = attitudes.iter().zip(relative).map(|(gyros, relative)| turn(relative) * gyros);
-        let angles = accumulated(smoothed);
+        let angles = accumulated(smoothed, &coning);
         let scale_factors: Vec<f64> = nominal.gyros.iter().map(|gyro| gyro.calibration.scale_factor).collect();
         let scale_factors = &scale_factors[..];
         let smoothed = recorded(&counts.node_s, &angles, reference).map(|motion| SmoothedReference {
@@ -162,7 +164,7 @@ impl SmoothedReference {
 /// Rows of the reference within the counts, relative to the attitude by the gyros, which equals that of the first row.
 fn rows(
     counts: &AccumulatedCounts,
-    turned: &[Vector3<f64>],
+    (turned, coning): (&[Vector3<f64>], &[Vector3<f64>]),
     attitudes: &[UnitQuaternion<f64>],
     reference: &RecordedAttitude,
     sigma_arcsec: &[[f64; 3]],
@@ -175,7 +177,9 @@ fn rows(
         let sigma = sigma_arcsec.get(number).map_or(Vector3::repeat(1.0), |own| with_rounding((*own).into()));
         let angle = Vector3::from(angle);
         let node = counts.node_s.partition_point(|node_s| *node_s <= t_s).saturating_sub(1);
-        let since = Vector3::from(gyros.at(t_s, &mut near).0) + turned[0] - turned[node];
+        let next = (node + 1).min(coning.len() - 1);
+        let share = (t_s - counts.node_s[node]) / (counts.node_s[next] - counts.node_s[node]).max(f64::MIN_POSITIVE);
+        let since = Vector3::from(gyros.at(t_s, &mut near).0) + turned[0] - turned[node] + coning[next] * share;
         let attitude = attitudes[node] * turn(since);
         let (angle_before, gyros_before, absolute_before) = before.unwrap_or((angle, attitude, attitude));
         let turned = turn(angle - angle_before);
@@ -223,14 +227,14 @@ fn white_scale(relative: &[Vector3<f64>], matrix: &MatrixXx3<f64>, sigma_arcsec:
     })
 }
 
-/// Accumulated rotation about the control axes by the calibration as given; broken gyros sense that of the reference if the others do not
-/// determine it.
+/// Accumulated rotation about the control axes by the calibration as given, and the coning before each node; broken gyros sense that of the
+/// reference if the others do not determine it.
 fn rotation(
     counts: &AccumulatedCounts,
     reference: &RecordedAttitude,
     matrix: &MatrixXx3<f64>,
     nominal: &Configuration,
-) -> Vec<Vector3<f64>> {
+) -> (Vec<Vector3<f64>>, Vec<Vector3<f64>>) {
     let none = counts.gyros.with_mask(0);
     let mut is_broken = vec![none; counts.node_s.len()];
     for found in &counts.breaks {
@@ -243,6 +247,7 @@ fn rotation(
     let mut before = Vector3::from(reference.at(counts.node_s[0], &mut near).0);
     let mut of_node = |node: usize| {
         let now = Vector3::from(reference.at(counts.node_s[node], &mut near).0);
+        let mut coning = Vector3::zeros();
         if node > 0 {
             let moved = now - before;
             let without = if is_broken[node].is_empty() { all.clone() } else { inverse(matrix, is_broken[node]) };
@@ -256,11 +261,28 @@ fn rotation(
                     + calibration.drift_arcsec_per_half_s * (counts.interval_s / SAMPLE_INTERVAL_S)
             });
             sum += without.as_ref().or(all.as_ref()).map_or(moved, |inverse| inverse * sensed);
+            if let Some(inverse) = &without {
+                coning = coning_about_axes(counts, node, inverse, nominal);
+            }
         }
         before = now;
-        sum
+        (sum, coning)
     };
-    (0..counts.node_s.len()).map(&mut of_node).collect()
+    (0..counts.node_s.len()).map(&mut of_node).unzip()
+}
+
+/// Coning in the interval before a node about the control axes, which are those of this inverse: each pair of gyros turns about the axis
+/// perpendicular to both.
+fn coning_about_axes(
+    counts: &AccumulatedCounts,
+    node: usize,
+    inverse: &Matrix3xX<f64>,
+    nominal: &Configuration,
+) -> Vector3<f64> {
+    let axis = |gyro: usize| inverse.column(gyro) * nominal.gyros[gyro].calibration.scale_factor;
+    let pairs = (1..counts.coning.len()).flat_map(|other| (0..other).map(move |one| (one, other)));
+    let of_pair = |(one, other): (usize, usize)| axis(one).cross(&axis(other)) * counts.coning[one][other][node];
+    pairs.map(of_pair).sum::<Vector3<f64>>() / ARCSEC_PER_RAD
 }
 
 /// Rotation from sensed angles by least squares, without broken gyros; `None` if the others do not determine it, or only by their
