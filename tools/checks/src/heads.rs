@@ -29,6 +29,8 @@ const FACTOR_ERROR: f64 = 0.25;
 /// Samples of a run of one value, and the turn meanwhile that the output does not show, in counts and as a share of the range of angles.
 const STUCK_SAMPLES: u64 = 20;
 const UNSEEN: f64 = 1e-3;
+/// Runs of one value from which it is a limit.
+const CLIPPED_RUNS: usize = 3;
 /// Share of a recording with constant output from which its head is named.
 const NAMED_SHARE: f64 = 0.02;
 
@@ -47,29 +49,33 @@ pub fn check_heads(
 ) -> HeadCheck {
     let matrix = sensing_matrix(configuration);
     let mut findings = samples(&recording);
-    let DeviceRecording { mut counts, constant, .. } = recording;
+    let DeviceRecording { mut counts, constant, largest_arcsec, .. } = recording;
     let turned = turns(&counts, reference);
-    let mut faults = constant_output(&mut counts, &constant, &turned, &matrix, &mut findings);
     let heads = counts.gyros.heads();
+    // What a run of one value does not show of the turn is known in the right unit.
+    let runs: Vec<_> = constant.iter().map(|own| (own.gyro, own.from, own.to)).collect();
+    for head in 0..heads {
+        let excluded = |without: &[_]| Follows::find(head, &counts, without, &turned, &matrix, configuration);
+        let Some(own) = excluded(&runs).or_else(|| excluded(&[])) else { continue };
+        let Some(factor) = own.wrong_unit() else { continue };
+        let known = known_factor(factor);
+        let likely = known.map_or(String::new(), |(_, name)| format!(", as by {name}"));
+        let text = format!("the output is {factor:.6} times what the motion predicts{likely}: it is divided by that");
+        let place = configuration.device.heads[head].gyro.name().to_owned();
+        findings.push(Finding { kind: "unit-factor".to_owned(), place, text });
+        counts.multiply(head, 1.0 / known.map_or(factor, |known| known.0));
+    }
+    let mut faults = constant_output(&mut counts, (&constant, &largest_arcsec), &turned, &matrix, &mut findings);
     let found: Vec<Option<Follows>> =
-        (0..heads).map(|head| Follows::find(head, &counts, &turned, &matrix, configuration)).collect();
+        (0..heads).map(|head| Follows::find(head, &counts, &[], &turned, &matrix, configuration)).collect();
     let by_own: Vec<Follows> = (0..heads).map(|head| found[head].unwrap_or(Follows::nominal(head))).collect();
-    for (head, own) in by_own.iter().enumerate().filter(|(head, _)| found[*head].is_some()) {
-        let gyro = configuration.device.heads[head].gyro;
-        if own.explained < FOLLOWS {
-            let correlation = own.explained.sqrt();
-            let text = format!("the output does not follow the motion: their correlation is {correlation:.2}");
-            findings.push(Finding { kind: "not-following".to_owned(), place: gyro.name().to_owned(), text });
-            let (from, to, gyros) = (0, counts.len(), counts.gyros.only(head));
-            counts.breaks.push(Discontinuity { from, to, gyros, kind: BreakKind::Invalid });
-        } else if let Some(factor) = own.wrong_unit() {
-            let likely = known_factor(factor).map_or(String::new(), |(_, name)| format!(", as by {name}"));
-            let text =
-                format!("the output is {factor:.6} times what the motion predicts{likely}: it is divided by that");
-            findings.push(Finding { kind: "unit-factor".to_owned(), place: gyro.name().to_owned(), text });
-            let exact = known_factor(factor).map_or(factor, |(exact, _)| exact);
-            counts.multiply(head, 1.0 / exact);
-        }
+    for (head, own) in by_own.iter().enumerate().filter(|(_, own)| own.explained < FOLLOWS) {
+        let correlation = own.explained.sqrt();
+        let text = format!("the output does not follow the motion: their correlation is {correlation:.2}");
+        let place = configuration.device.heads[head].gyro.name().to_owned();
+        findings.push(Finding { kind: "not-following".to_owned(), place, text });
+        let (from, to, gyros) = (0, counts.len(), counts.gyros.only(head));
+        counts.breaks.push(Discontinuity { from, to, gyros, kind: BreakKind::Invalid });
     }
     faults.extend(exchange(&mut counts, &by_own, configuration, &mut findings));
     HeadCheck { counts, faults, findings }
@@ -115,7 +121,7 @@ fn turns(counts: &AccumulatedCounts, reference: &ReferenceAttitude) -> Vec<Optio
 /// Leaves out constant output while the unit turns; returns the heads that stand out by it.
 fn constant_output(
     counts: &mut AccumulatedCounts,
-    constant: &[ConstantRun],
+    (constant, largest_arcsec): (&[ConstantRun], &[f64]),
     turned: &[Option<Vector3<f64>>],
     matrix: &MatrixXx3<f64>,
     findings: &mut Vec<Finding>,
@@ -135,15 +141,24 @@ fn constant_output(
                 off.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), own| (low.min(own), high.max(own)));
             high - low
         };
-        let runs: Vec<_> = constant.iter().filter(|run| run.gyro == head && unseen(run.from, run.to) > limit).collect();
-        let (stuck, clipped): (Vec<_>, Vec<_>) = runs.into_iter().partition(|run| run.samples >= STUCK_SAMPLES);
+        let is_unseen = |run: &&&ConstantRun| unseen(run.from, run.to) > limit;
+        let own = constant.iter().filter(|run| run.gyro == head);
+        let (at_limit, others): (Vec<_>, Vec<_>) = own.partition(|run| run.size_arcsec >= largest_arcsec[head]);
+        let is_clipped = at_limit.iter().filter(is_unseen).count() >= CLIPPED_RUNS;
+        let (clipped, others) = if is_clipped { (at_limit, others) } else { (Vec::new(), [at_limit, others].concat()) };
+        let is_stuck = |run: &&&ConstantRun| run.samples >= STUCK_SAMPLES && is_unseen(run);
+        let stuck: Vec<_> = others.iter().filter(is_stuck).copied().collect();
         for (all, kind, what) in [
             (&stuck, BreakKind::Constant, "the output does not change while the unit turns: left out"),
-            (&clipped, BreakKind::Saturated, "the output stays at one value while the unit turns faster: left out"),
+            (
+                &clipped,
+                BreakKind::Saturated,
+                "the output stays at its largest value while the unit turns faster: left out",
+            ),
         ] {
             let nodes: usize = all.iter().map(|run: &&ConstantRun| run.to - run.from).sum();
             let share = nodes as f64 / counts.len().max(1) as f64;
-            if all.is_empty() || kind == BreakKind::Saturated && all.len() < 3 {
+            if all.is_empty() {
                 continue;
             }
             let gyros = counts.gyros.only(head);
@@ -209,16 +224,19 @@ impl Follows {
         Follows { axis: head, factor: 1.0, explained: 1.0 }
     }
 
-    /// The axis that explains the output of a head best; its own unless another is better by far. `None` if the recording does not show it.
+    /// The axis that explains the output of a head best, outside its breaks and `without` these gyros and nodes; its own unless another is better by far. `None` if the recording does not show it.
     fn find(
         head: usize,
         counts: &AccumulatedCounts,
+        without: &[(usize, usize, usize)],
         turned: &[Option<Vector3<f64>>],
         matrix: &MatrixXx3<f64>,
         configuration: &Configuration,
     ) -> Option<Follows> {
-        let breaks: Vec<(usize, usize)> =
-            counts.breaks.iter().filter(|found| found.gyros[head]).map(|found| (found.from, found.to)).collect();
+        let breaks = counts.breaks.iter().filter(|found| found.gyros[head]).map(|found| (found.from, found.to));
+        let without = without.iter().filter(|own| own.0 == head).map(|own| (own.1, own.2));
+        let mut breaks: Vec<(usize, usize)> = breaks.chain(without).collect();
+        breaks.sort_unstable();
         let is_broken = |from: usize, to: usize| {
             let first = breaks.partition_point(|own| own.0 < from.saturating_sub(4096));
             breaks[first..].iter().take_while(|own| own.0 < to).any(|own| own.1 > from)

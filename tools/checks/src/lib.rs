@@ -14,6 +14,7 @@
 //! assert!(checked.faults.is_empty() && checked.rows.is_empty());
 //! ```
 
+mod alignment;
 mod clock;
 mod compared;
 mod correlation;
@@ -29,6 +30,7 @@ mod wiring_hypothesis;
 use geu_model::Configuration;
 use geu_recording::{Defect, ReceivedSample, ReferenceAttitude};
 
+pub use alignment::Alignment;
 use compared::CountComparison;
 pub use finding::Finding;
 use findings::FindingCollector;

@@ -28,7 +28,7 @@ use crate::significance::THREE_SIGMAS;
 use crate::solution::{self, DiagnosisOptions, Solution};
 use crate::unexplained::unexplained;
 use crate::whiteness::{kurtosis, moment, whiteness_statistic};
-use geu_checks::{Finding, WiringFault, check, check_heads};
+use geu_checks::{Alignment, Finding, WiringFault, check, check_heads};
 use geu_protocol::Gyros;
 
 /// χ² of two degrees of freedom that a walk of constant growth exceeds once in a thousand recordings.
@@ -64,7 +64,7 @@ pub fn diagnose_rows(
 /// # Errors
 /// Recording and reference have too little in common.
 pub fn diagnose_device(
-    recording: DeviceRecording,
+    mut recording: DeviceRecording,
     nominal: &Configuration,
     reference: &ReferenceAttitude,
     options: &DiagnosisOptions,
@@ -73,16 +73,22 @@ pub fn diagnose_device(
     let device = Arc::new(nominal.device.at_nodes(recording.counts.interval_s));
     let nominal = Configuration { device, ..nominal.clone() };
     let raw = recording.counts.clone();
-    let checked = check_heads(recording, &nominal, reference);
-    let unsmoothed = MeasuredData::combined(checked.counts.clone(), reference, 0.0, None)?;
+    let Alignment { lag_s, clock_ppm: aligned_ppm } = Alignment::find(&raw, &nominal, reference);
+    recording.counts.correct_clock(aligned_ppm);
+    let checked = check_heads(recording, &nominal, &reference.later(lag_s));
+    let mut unsmoothed = MeasuredData::combined(checked.counts.clone(), reference, lag_s, None)?;
+    unsmoothed.clock_ppm = aligned_ppm;
     let case = DiagnosisCase::new(&unsmoothed, &nominal);
     let (fitted, clock_ppm) = solution::fitted_with_clock(&case);
     // A lag within that of a link changes no attitude.
-    let is_late = fitted.shifts.lag_s.abs() > LAG_S + THREE_SIGMAS * fitted.lag_sigma_s;
-    let lag_s = if is_late { fitted.shifts.lag_s } else { 0.0 };
+    let lag_s = lag_s + fitted.shifts.lag_s;
+    let is_late = lag_s.abs() > LAG_S + THREE_SIGMAS * fitted.lag_sigma_s;
+    let lag_s = if is_late { lag_s } else { 0.0 };
     let mut counts = checked.counts;
+    counts.node_s.clone_from(&raw.node_s);
     counts.correct_clock(clock_ppm);
-    let measured = MeasuredData::combined(counts, reference, lag_s, Some(&fitted.configuration(&nominal)))?;
+    let mut measured = MeasuredData::combined(counts, reference, lag_s, Some(&fitted.configuration(&nominal)))?;
+    measured.clock_ppm = if aligned_ppm == 0.0 { 0.0 } else { clock_ppm };
     let has_changed = is_late || clock_ppm != 0.0 || !checked.faults.is_empty();
     let raw = if has_changed { MeasuredData::combined(raw, reference, 0.0, None).ok() } else { None };
     Ok(diagnose(&measured, raw, (checked.findings, checked.faults), &nominal, options))

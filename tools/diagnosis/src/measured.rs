@@ -116,6 +116,8 @@ pub struct MeasuredData {
     late: Vec<f64>,
     /// Lag of the recording that the reference was moved by.
     pub lag_s: f64,
+    /// Error of the clock by which the recording is aligned with the reference, ppm.
+    pub clock_ppm: f64,
     /// Time of node 0 since the origin of time courses: 0, or the end of the recording that a planned motion follows.
     pub(crate) start_s: f64,
 }
@@ -210,6 +212,7 @@ impl MeasuredData {
             runs: ModelCache::default(),
             late,
             lag_s,
+            clock_ppm: 0.0,
             start_s: 0.0,
         })
     }

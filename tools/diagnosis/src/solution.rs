@@ -17,6 +17,7 @@ use crate::noise;
 use crate::normal_equations::NormalEquations;
 use crate::null_distribution::{Thresholds, kurtosis_limits, thresholds};
 use crate::rounding::{CLOSED_LOOP, CLOSED_LOOP_WITH_EFFECTS, correlation_with_motion};
+use crate::signature_bank::HypothesisFamily;
 use crate::signature_bank::SignatureBank;
 use crate::significance::{FOUR_SIGMA_CHI2, THREE_SIGMAS};
 use crate::small_motions::{has_noisy_motion, small_arcsec, unknown_rate_arcsec_per_s};
@@ -115,26 +116,30 @@ impl<'a> Solution<'a> {
         let catalogue = evident(whole.clone()).without_zones_up_to(unknown_rate_arcsec_per_s);
         let formulas = LazyCell::new(|| evident(catalogue.formulas(measured, nominal)));
         let all = LazyCell::new(|| catalogue.and(&formulas));
+        // A clock that the alignment found is a part of the model from the start: far from it no signature is right.
+        let mut seeded = start.clone();
+        seeded.held.extend(clock(&case).filter(|_| measured.clock_ppm != 0.0));
         let key = key(&nominal.device, measured, &path, &noise, contains_noise, options.seed);
         let thresholds = (options.known)(key).unwrap_or_else(|| {
             progress("thresholds");
-            let found = thresholds(&case, &all, &path, &case.fit(&mut start.clone()), &noise, options.seed);
+            let found = thresholds(&case, &all, &path, &case.fit(&mut seeded.clone()), &noise, options.seed);
             (options.keep)(key, &found);
             found
         });
+        seeded.held.iter_mut().for_each(|own| own.penalty = thresholds.required(HypothesisFamily::CONSTANT));
         progress("search");
         let of_catalogue = Searches { pair_rounds: PAIR_ROUNDS, ..Searches::new(&case, &catalogue, &thresholds) };
         let of_all = LazyCell::new(|| Searches::new(&case, &all, &thresholds));
         let is_stated = |own: &SelectedModel| is_noise(own, &thresholds) && own.overfitted_gyros(nominal).is_empty();
         let score = |own: &SelectedModel| own.score(&case, &thresholds);
         let pass = |per_gyro: usize| {
-            let effects = select_model(&of_catalogue, &start, per_gyro);
+            let effects = select_model(&of_catalogue, &seeded, per_gyro);
             if !effects.is_cut && is_noise(&effects, &thresholds) && !effects.is_doubtful(&case, &formulas, &thresholds)
             {
                 return effects;
             }
             progress("formulas");
-            let other = select_model(&of_all, &start, per_gyro);
+            let other = select_model(&of_all, &seeded, per_gyro);
             // A transient is as unlikely as a formula, and so is another effect at the same time.
             let is_of_time = other.state.held.iter().any(|held| held.hypothesis.amplitude.is_formula_of_time());
             let is_as_likely =
@@ -200,25 +205,38 @@ impl<'a> Solution<'a> {
     }
 }
 
-/// Calibration parameters and lag fitted without an effect.
+/// Calibration parameters and lag fitted without an effect, beside the error of the clock by which the nodes are dated.
 fn fitted(case: &DiagnosisCase) -> ModelState {
-    let before = case.measured.run(case.nominal, Shifts::default());
+    let clock = clock(case).filter(|_| case.measured.clock_ppm != 0.0);
+    let mut nominal = case.nominal.clone();
+    clock.iter().for_each(|own| own.hypothesis.apply(&mut nominal));
+    let before = case.measured.run(&nominal, Shifts::default());
     let noise = noise::configured(case.nominal, case.measured, &case.rounding, &case.measured.residual(&before));
     let mut fitted = case.start(noise);
+    fitted.held.extend(clock);
     case.fit(&mut fitted);
     fitted.reset_undetermined_lag();
     fitted
 }
 
+/// The error of a clock by which nodes without receive times are dated.
+fn clock(case: &DiagnosisCase) -> Option<FittedHypothesis> {
+    let MeasuredData { counts, clock_ppm, .. } = case.measured;
+    let mut all = AmplitudeRef::all(&case.nominal.device).into_iter();
+    let clock = all.find(|own| own.code() == ClockFrequency::SPEC.code && !counts.is_received)?;
+    Some(FittedHypothesis::new(Hypothesis::constant(clock, *clock_ppm, counts.gyros)))
+}
+
 /// Calibration parameters and lag fitted without an effect, and the error of a clock by which nodes without receive times are dated, ppm: 0
 /// if the motion does not show it by far.
 pub fn fitted_with_clock(case: &DiagnosisCase) -> (ModelState, f64) {
-    let fitted = fitted(case);
-    let mut all = AmplitudeRef::all(&case.nominal.device).into_iter();
-    let clock = all.find(|own| own.code() == ClockFrequency::SPEC.code && !case.measured.counts.is_received);
-    let Some(clock) = clock else { return (fitted, 0.0) };
+    let mut fitted = fitted(case);
+    if let Some(held) = fitted.held.pop() {
+        return (fitted, held.hypothesis.value);
+    }
+    let Some(clock) = clock(case) else { return (fitted, 0.0) };
     let mut with = fitted.clone();
-    with.held.push(FittedHypothesis::new(Hypothesis::constant(clock, 0.0, case.measured.gyros())));
+    with.held.push(clock);
     let fall = case.normal(&mut fitted.clone()).squares() - case.fit(&mut with).squares();
     match with.held.pop().filter(|_| fall > EVIDENT_CHI2) {
         Some(held) => (with, held.hypothesis.value),

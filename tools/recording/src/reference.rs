@@ -84,6 +84,12 @@ struct Trial {
 }
 
 impl ReferenceAttitude {
+    /// The same motion later by a lag.
+    #[must_use]
+    pub fn later(&self, lag_s: f64) -> ReferenceAttitude {
+        ReferenceAttitude { start_ns: self.start_ns + (lag_s * 1e9).round() as i64, ..self.clone() }
+    }
+
     /// Reads a file, which may be compressed.
     ///
     /// # Errors

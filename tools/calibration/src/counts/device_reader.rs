@@ -34,6 +34,8 @@ pub struct ConstantRun {
     pub from: usize,
     pub to: usize,
     pub samples: u64,
+    /// Size of the value, arcsec.
+    pub size_arcsec: f64,
 }
 
 /// A recording of a described unit.
@@ -44,6 +46,8 @@ pub struct DeviceRecording {
     /// Samples of a node.
     pub samples_per_node: usize,
     pub constant: Vec<ConstantRun>,
+    /// Size of the largest sample of each gyro, arcsec.
+    pub largest_arcsec: Vec<f64>,
     /// Outliers that are left out, for each gyro.
     pub outliers: Vec<u64>,
     pub samples: u64,
@@ -73,6 +77,8 @@ struct Recent {
     count: u64,
     /// Node at the start of a run of one value, and its samples.
     run: (usize, u64),
+    /// Largest sample.
+    largest: f64,
 }
 
 /// Accumulates the samples of a described unit.
@@ -241,10 +247,13 @@ impl DeviceCountsReader {
         let (node, recent) = (self.nodes.node, &mut self.recent[gyro]);
         let [last, before] = recent.values;
         recent.values = [arcsec, last];
+        // Not the sample that is no number, at the end.
+        recent.largest = recent.largest.max(arcsec.abs());
         if recent.count > 0 && arcsec == last {
             recent.run.1 += 1;
         } else {
-            let run = ConstantRun { gyro, from: recent.run.0, to: node + 1, samples: recent.run.1 };
+            let (from, samples) = recent.run;
+            let run = ConstantRun { gyro, from, to: node + 1, samples, size_arcsec: last.abs() };
             if run.samples >= CONSTANT_SAMPLES && self.recording.constant.len() < MAX_RUNS {
                 self.recording.constant.push(run);
             }
@@ -282,8 +291,19 @@ impl DeviceCountsReader {
         let Extras { constant, outliers, samples, missing, defects, left_out } = self.recording;
         let nodes = counts.node_s.len() - 1;
         let constant = constant.into_iter().map(|run| ConstantRun { to: run.to.min(nodes), ..run }).collect();
+        let largest_arcsec = self.recent.iter().map(|own| own.largest).collect();
         let samples_per_node = self.per_node;
-        Some(DeviceRecording { counts, samples_per_node, constant, outliers, samples, missing, defects, left_out })
+        Some(DeviceRecording {
+            counts,
+            samples_per_node,
+            constant,
+            largest_arcsec,
+            outliers,
+            samples,
+            missing,
+            defects,
+            left_out,
+        })
     }
 }
 

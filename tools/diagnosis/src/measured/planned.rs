@@ -62,6 +62,7 @@ impl MeasuredData {
             runs: ModelCache::default(),
             late: vec![0.0; samples + 1],
             lag_s: self.lag_s,
+            clock_ppm: self.clock_ppm,
             start_s: self.start_s + self.duration_s(),
         }
     }
