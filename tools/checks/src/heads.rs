@@ -3,6 +3,8 @@
 //! A head's angle is compared with the turn of the reference about each head's nominal axis over windows of ten nodes. What is certain is
 //! corrected: exchanged heads, signs and factors of units; constant and clipped output is left out.
 
+use std::ops::Range;
+
 use geu_calibration::counts::{AccumulatedCounts, BreakKind, ConstantRun, DeviceRecording, Discontinuity};
 use geu_calibration::transfer::sensing_matrix;
 use geu_hypothesis::Hypothesis;
@@ -30,7 +32,7 @@ const FACTOR_ERROR: f64 = 0.25;
 const STUCK_SAMPLES: u64 = 20;
 const UNSEEN: f64 = 1e-3;
 /// Runs of one value from which it is a limit.
-const CLIPPED_RUNS: usize = 3;
+const CLIPPED_RUNS: usize = 2;
 /// Share of a recording with constant output from which its head is named.
 const NAMED_SHARE: f64 = 0.02;
 
@@ -49,7 +51,7 @@ pub fn check_heads(
 ) -> HeadCheck {
     let matrix = sensing_matrix(configuration);
     let mut findings = samples(&recording);
-    let DeviceRecording { mut counts, constant, largest_arcsec, .. } = recording;
+    let DeviceRecording { mut counts, constant, largest, .. } = recording;
     let turned = turns(&counts, reference);
     let heads = counts.gyros.heads();
     // What a run of one value does not show of the turn is known in the right unit.
@@ -65,7 +67,7 @@ pub fn check_heads(
         findings.push(Finding { kind: "unit-factor".to_owned(), place, text });
         counts.multiply(head, 1.0 / known.map_or(factor, |known| known.0));
     }
-    let mut faults = constant_output(&mut counts, (&constant, &largest_arcsec), &turned, &matrix, &mut findings);
+    let mut faults = constant_output(&mut counts, (&constant, &largest), &turned, &matrix, &mut findings);
     let found: Vec<Option<Follows>> =
         (0..heads).map(|head| Follows::find(head, &counts, &[], &turned, &matrix, configuration)).collect();
     let by_own: Vec<Follows> = (0..heads).map(|head| found[head].unwrap_or(Follows::nominal(head))).collect();
@@ -121,7 +123,7 @@ fn turns(counts: &AccumulatedCounts, reference: &ReferenceAttitude) -> Vec<Optio
 /// Leaves out constant output while the unit turns; returns the heads that stand out by it.
 fn constant_output(
     counts: &mut AccumulatedCounts,
-    (constant, largest_arcsec): (&[ConstantRun], &[f64]),
+    (constant, largest): (&[ConstantRun], &[(f64, Vec<usize>)]),
     turned: &[Option<Vector3<f64>>],
     matrix: &MatrixXx3<f64>,
     findings: &mut Vec<Finding>,
@@ -141,39 +143,49 @@ fn constant_output(
                 off.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), own| (low.min(own), high.max(own)));
             high - low
         };
-        let is_unseen = |run: &&&ConstantRun| unseen(run.from, run.to) > limit;
-        let own = constant.iter().filter(|run| run.gyro == head);
-        let (at_limit, others): (Vec<_>, Vec<_>) = own.partition(|run| run.size_arcsec >= largest_arcsec[head]);
-        let is_clipped = at_limit.iter().filter(is_unseen).count() >= CLIPPED_RUNS;
-        let (clipped, others) = if is_clipped { (at_limit, others) } else { (Vec::new(), [at_limit, others].concat()) };
-        let is_stuck = |run: &&&ConstantRun| run.samples >= STUCK_SAMPLES && is_unseen(run);
-        let stuck: Vec<_> = others.iter().filter(is_stuck).copied().collect();
-        for (all, kind, what) in [
-            (&stuck, BreakKind::Constant, "the output does not change while the unit turns: left out"),
+        let is_unseen = |run: &&ConstantRun| unseen(run.from, run.to) > limit;
+        let (largest, at_largest) = &largest[head];
+        let own = constant.iter().filter(|run| run.gyro == head && is_unseen(run));
+        let (at_limit, others): (Vec<_>, Vec<_>) = own.partition(|run| run.size_arcsec >= *largest);
+        let is_clipped = at_limit.len() >= CLIPPED_RUNS;
+        let single: Vec<&ConstantRun> = if is_clipped { Vec::new() } else { at_limit };
+        let stuck: Vec<&ConstantRun> =
+            others.into_iter().chain(single).filter(|run| run.samples >= STUCK_SAMPLES).collect();
+        let mut clipped: Vec<Range<usize>> = Vec::new();
+        // Samples at the limit that are alone or few are clipped too.
+        for node in at_largest.iter().filter(|_| is_clipped) {
+            match clipped.last_mut() {
+                Some(last) if *node <= last.end => last.end = node + 1,
+                _ => clipped.push(*node..node + 1),
+            }
+        }
+        let constant = stuck.iter().map(|run| run.from..run.to).collect();
+        for (all, kind, name, what) in [
+            (constant, BreakKind::Constant, "stuck-output", "the output does not change while the unit turns"),
             (
-                &clipped,
+                clipped,
                 BreakKind::Saturated,
-                "the output stays at its largest value while the unit turns faster: left out",
+                "clipped",
+                "the output stays at its largest value while the unit turns faster",
             ),
         ] {
-            let nodes: usize = all.iter().map(|run: &&ConstantRun| run.to - run.from).sum();
-            let share = nodes as f64 / counts.len().max(1) as f64;
-            if all.is_empty() {
-                continue;
-            }
+            let (Some(first), Some(last)) = (all.first(), all.last()) else { continue };
+            let share = all.iter().map(Range::len).sum::<usize>() as f64 / counts.len().max(1) as f64;
             let gyros = counts.gyros.only(head);
-            counts.breaks.extend(all.iter().map(|run| Discontinuity { from: run.from, to: run.to, gyros, kind }));
-            let [from_s, to_s] = [all[0].from, all[all.len() - 1].to].map(|node| counts.node_s[node]);
-            let name = if kind == BreakKind::Constant { "stuck-output" } else { "clipped" };
-            let text = format!("{what}; {} times, {:.1} % of the time", all.len(), 100.0 * share);
+            let [from_s, to_s] = [first.start, last.end.min(counts.len())].map(|node| counts.node_s[node]);
+            let text = format!("{what}: left out; {} times, {:.1} % of the time", all.len(), 100.0 * share);
             let place = format!("{}, {from_s:.1}\u{2013}{to_s:.1} s", gyro.name());
             findings.push(Finding { kind: name.to_owned(), place, text });
             if kind == BreakKind::Constant && share > NAMED_SHARE {
-                let onset_s = (all[0].from > 1).then_some(from_s);
-                let samples = all.iter().map(|run| run.samples as usize).sum();
-                let end_s = (all[all.len() - 1].to < counts.len()).then_some(to_s);
+                let onset_s = (first.start > 1).then_some(from_s);
+                let samples = stuck.iter().map(|run| run.samples as usize).sum();
+                let end_s = (last.end < counts.len()).then_some(to_s);
                 faults.push(fault("stuck-output.on", gyro, 1.0, counts.gyros, onset_s, end_s, samples));
             }
+            let last = counts.len();
+            let discontinuity =
+                |own: Range<usize>| Discontinuity { from: own.start, to: own.end.min(last), gyros, kind };
+            counts.breaks.extend(all.into_iter().map(discontinuity));
         }
     }
     counts.breaks.sort_by_key(|found| found.from);
@@ -233,20 +245,16 @@ impl Follows {
         matrix: &MatrixXx3<f64>,
         configuration: &Configuration,
     ) -> Option<Follows> {
-        let breaks = counts.breaks.iter().filter(|found| found.gyros[head]).map(|found| (found.from, found.to));
-        let without = without.iter().filter(|own| own.0 == head).map(|own| (own.1, own.2));
-        let mut breaks: Vec<(usize, usize)> = breaks.chain(without).collect();
-        breaks.sort_unstable();
-        let is_broken = |from: usize, to: usize| {
-            let first = breaks.partition_point(|own| own.0 < from.saturating_sub(4096));
-            breaks[first..].iter().take_while(|own| own.0 < to).any(|own| own.1 > from)
-        };
+        let mut is_broken = vec![false; turned.len()];
+        let breaks = counts.breaks.iter().filter(|found| found.gyros[head]).map(|found| found.from..found.to);
+        let without = without.iter().filter(|own| own.0 == head).map(|own| own.1..own.2);
+        breaks.chain(without).for_each(|nodes| is_broken[nodes].fill(true));
         let scale_factor = configuration.gyros[head].calibration.scale_factor;
         let mut windows: Vec<(f64, Vector3<f64>)> = Vec::new();
         for from in (0..turned.len().saturating_sub(WINDOW)).step_by(WINDOW) {
             let to = from + WINDOW;
             let (Some(before), Some(after)) = (turned[from], turned[to]) else { continue };
-            if !is_broken(from, to) {
+            if !is_broken[from..to].contains(&true) {
                 let measured = counts.accumulated[head][to] - counts.accumulated[head][from];
                 windows.push((measured * scale_factor, after - before));
             }

@@ -19,6 +19,7 @@ pub mod diagnosis_case;
 pub mod discriminating_test;
 mod entries;
 pub mod fitted_hypothesis;
+mod jumps;
 mod linear_algebra;
 pub mod linear_signatures;
 pub mod measured;

@@ -64,6 +64,7 @@ impl<'a> Searches<'a> {
             let bank = self.bank.late(state.shifts.temperature_s);
             let mut found = search(&bank, normal, state, Some(self.thresholds));
             self.drop_errors_of_motion(&mut found, state, normal);
+            found.retain(|own| !self.case.measured.contradicts(&own.hypothesis));
             self.known.keep(key, &found);
             found
         })

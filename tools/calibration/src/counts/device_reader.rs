@@ -21,6 +21,8 @@ const MAX_RUNS: usize = 10_000;
 /// A sample farther from its neighbours, in mean departures, is an outlier; and the samples from which the mean is known.
 const OUTLIER: f64 = 25.0;
 const SETTLED: u64 = 100;
+/// Relative difference of a clipped sample from the range of the description. A larger sample was not clipped there: it is in another unit.
+const SAME: f64 = 1e-6;
 /// Distance of rows, in nominal intervals, from which samples are missing between them.
 const MISSING: f64 = 0.5;
 /// Temperature of a unit that sends none, °C.
@@ -46,8 +48,8 @@ pub struct DeviceRecording {
     /// Samples of a node.
     pub samples_per_node: usize,
     pub constant: Vec<ConstantRun>,
-    /// Size of the largest sample of each gyro, arcsec.
-    pub largest_arcsec: Vec<f64>,
+    /// Size of the largest sample of each gyro, arcsec, and the nodes before the samples of this size.
+    pub largest: Vec<(f64, Vec<usize>)>,
     /// Outliers that are left out, for each gyro.
     pub outliers: Vec<u64>,
     pub samples: u64,
@@ -77,8 +79,9 @@ struct Recent {
     count: u64,
     /// Node at the start of a run of one value, and its samples.
     run: (usize, u64),
-    /// Largest sample.
+    /// Size of the largest sample, and the nodes before those of this size.
     largest: f64,
+    at_largest: Vec<usize>,
 }
 
 /// Accumulates the samples of a described unit.
@@ -88,8 +91,8 @@ pub struct DeviceCountsReader {
     heads: Vec<(usize, f64)>,
     /// Slots that state the validity of a head: slot, head, the value that excludes it, and the reason.
     flags: Vec<(usize, usize, f64, BreakKind)>,
-    /// Largest angle of a sample, arcsec.
-    largest_arcsec: f64,
+    /// Size of a clipped sample of each head, arcsec.
+    clipped_arcsec: Vec<std::ops::Range<f64>>,
     /// Slots of the temperatures of the electronics, of a sensor and of the heads.
     celsius: [Vec<usize>; 3],
     is_rate: bool,
@@ -144,10 +147,17 @@ impl DeviceCountsReader {
             let is_rounded = head.is_rounded && device.output == Output::Increment;
             *rounded_to = if is_rounded { head.count_arcsec } else { 0.0 };
         }
+        let range_arcsec = device.range_arcsec_s * device.interval_s;
+        // Clipped to a whole count.
+        let clipped_arcsec = |head: &geu_model::device::Head| {
+            let off_arcsec = SAME * range_arcsec + if head.is_rounded { 0.5 * head.count_arcsec } else { 0.0 };
+            range_arcsec - off_arcsec..range_arcsec + off_arcsec
+        };
+        let clipped_arcsec = device.heads.iter().map(clipped_arcsec).collect();
         DeviceCountsReader {
             heads: (0..gyros.heads()).map(head).collect(),
             flags: device.values().iter().enumerate().filter_map(flag).collect(),
-            largest_arcsec: device.range_arcsec_s * device.interval_s * (1.0 - 1e-6),
+            clipped_arcsec,
             celsius: [
                 slots(&|quantity| *quantity == Quantity::Electronics),
                 slots(&|quantity| *quantity == Quantity::Sensor),
@@ -238,7 +248,10 @@ impl DeviceCountsReader {
             self.per_node *= 2;
             self.nodes.halve();
             self.recording.constant.iter_mut().for_each(|run| (run.from, run.to) = (run.from / 2, run.to.div_ceil(2)));
-            self.recent.iter_mut().for_each(|recent| recent.run.0 /= 2);
+            for recent in &mut self.recent {
+                recent.run.0 /= 2;
+                recent.at_largest.iter_mut().for_each(|node| *node /= 2);
+            }
         }
     }
 
@@ -247,8 +260,13 @@ impl DeviceCountsReader {
         let (node, recent) = (self.nodes.node, &mut self.recent[gyro]);
         let [last, before] = recent.values;
         recent.values = [arcsec, last];
-        // Not the sample that is no number, at the end.
-        recent.largest = recent.largest.max(arcsec.abs());
+        if arcsec.abs() > recent.largest {
+            recent.largest = arcsec.abs();
+            recent.at_largest.clear();
+        }
+        if arcsec.abs() == recent.largest && recent.at_largest.len() < MAX_RUNS {
+            recent.at_largest.push(node);
+        }
         if recent.count > 0 && arcsec == last {
             recent.run.1 += 1;
         } else {
@@ -291,13 +309,13 @@ impl DeviceCountsReader {
         let Extras { constant, outliers, samples, missing, defects, left_out } = self.recording;
         let nodes = counts.node_s.len() - 1;
         let constant = constant.into_iter().map(|run| ConstantRun { to: run.to.min(nodes), ..run }).collect();
-        let largest_arcsec = self.recent.iter().map(|own| own.largest).collect();
+        let largest = self.recent.into_iter().map(|own| (own.largest, own.at_largest)).collect();
         let samples_per_node = self.per_node;
         Some(DeviceRecording {
             counts,
             samples_per_node,
             constant,
-            largest_arcsec,
+            largest,
             outliers,
             samples,
             missing,
@@ -340,7 +358,8 @@ impl Sink<DeviceSample> for DeviceCountsReader {
             own.fold(all.with_mask(0), |gyros, own| gyros.and(all.only(own.1)))
         };
         let invalid = flagged(BreakKind::Invalid).and(all.filter(|gyro| arcsec[gyro].is_nan()));
-        let saturated = flagged(BreakKind::Saturated).and(all.filter(|gyro| arcsec[gyro].abs() >= self.largest_arcsec));
+        let saturated = flagged(BreakKind::Saturated)
+            .and(all.filter(|gyro| self.clipped_arcsec[gyro].contains(&arcsec[gyro].abs())));
         for (gyro, arcsec) in arcsec.iter_mut().enumerate() {
             match arcsec.is_nan() {
                 true => *arcsec = 0.0,
