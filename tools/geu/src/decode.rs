@@ -212,16 +212,7 @@ fn decode<D: Decode>(
     }
     note_elsewhere(&summary);
     result?;
-    match &summary.device {
-        None => arguments.reading.note_no_rows(&summary),
-        Some(device) if summary.rows == 0 => note(format_args!(
-            "geu: no sample: expected frames or rows of {device}, see `geu device show`; got {} other frames, {} other bytes and {} defects\n",
-            summary.account.other,
-            summary.account.resynchronised_bytes,
-            summary.account.defect_count()
-        )),
-        Some(_) => {}
-    }
+    arguments.reading.note_no_rows(&summary);
     arguments.check_strict(summary.account.defect_count())
 }
 
