@@ -84,11 +84,17 @@ impl InputArgs {
     }
 
     /// A reader for a described unit.
-    fn device_reader(
+    ///
+    /// # Errors
+    /// Signals cannot be watched, or a base of identifiers that a description has.
+    pub fn device_reader(
         &self,
         inputs: &[String],
         device: &Device,
     ) -> Result<InputReader<'static, DeviceDecoder>, CommandError> {
+        if self.base.is_some() {
+            return Err(CommandError::input("--base: expected none: the identifiers are in the description"));
+        }
         let mut options = self.options();
         options.baud = options.baud.or(device.serial.as_ref().map(|serial| serial.baud));
         Ok(InputReader::with(DeviceDecoder::new(device, &options), options, self.stop(inputs)?))

@@ -75,29 +75,46 @@ struct Recent {
     run: (usize, u64),
 }
 
-/// Accumulates the samples of a described unit.
-#[derive(Debug)]
-pub struct DeviceCountsReader {
+/// Angles of the heads of a described unit, from its samples in order.
+#[derive(Debug, Clone)]
+pub(crate) struct HeadReader {
+    gyros: Gyros,
     /// Slot of each head's output, and its angle over the nominal interval, arcsec per unit.
     heads: Vec<(usize, f64)>,
     /// Slots that state the validity of a head: slot, head, the value that excludes it, and the reason.
     flags: Vec<(usize, usize, f64, BreakKind)>,
     /// Largest angle of a sample, arcsec.
     largest_arcsec: f64,
-    /// Slots of the temperatures of the electronics, of a sensor and of the heads.
-    celsius: [Vec<usize>; 3],
     is_rate: bool,
     is_table: bool,
-    interval_s: f64,
+    pub interval_s: f64,
+    /// Start of the first sample interval, ns, and number of the first sample.
+    first: Option<(Option<i64>, u64)>,
+    /// End of the last sample, in nominal samples since that start.
+    pub end: f64,
+    group: String,
+}
+
+/// Angles of one sample.
+pub(crate) struct HeadAngles {
+    /// Angle of each head, arcsec; `NaN` if missing.
+    pub arcsec: Vec<f64>,
+    pub invalid: Gyros,
+    pub saturated: Gyros,
+    /// Length over which a rate lasts, in nominal samples.
+    pub length: f64,
+}
+
+/// Accumulates the samples of a described unit.
+#[derive(Debug)]
+pub struct DeviceCountsReader {
+    heads: HeadReader,
+    /// Slots of the temperatures of the electronics, of a sensor and of the heads.
+    celsius: [Vec<usize>; 3],
     nodes: NodeReader,
     per_node: usize,
     /// Angle since the last node, arcsec.
     since: Vec<f64>,
-    /// Start of the first sample interval, ns, and number of the first sample.
-    first: Option<(Option<i64>, u64)>,
-    /// End of the last sample, in nominal samples since that start.
-    end: f64,
-    group: String,
     /// Reasons of breaks in the node to come, with the node before them.
     pending: Vec<(usize, Gyros, BreakKind)>,
     recent: Vec<Recent>,
@@ -115,14 +132,16 @@ struct Extras {
     left_out: RowsLeftOut,
 }
 
-impl DeviceCountsReader {
-    pub fn new(device: &Device) -> DeviceCountsReader {
-        let slots = |wanted: &dyn Fn(&Quantity) -> bool| {
-            let all = device.values().iter().enumerate();
-            all.filter(|(_, value)| wanted(&value.quantity)).map(|(slot, _)| slot).collect::<Vec<_>>()
-        };
+/// Slots of the values of a unit that are wanted.
+fn slots(device: &Device, wanted: &dyn Fn(&Quantity) -> bool) -> Vec<usize> {
+    let all = device.values().iter().enumerate();
+    all.filter(|(_, value)| wanted(&value.quantity)).map(|(slot, _)| slot).collect()
+}
+
+impl HeadReader {
+    pub fn new(device: &Device) -> HeadReader {
         let head = |head: usize| {
-            let slot = slots(&|quantity| *quantity == Quantity::Output(head))[0];
+            let slot = slots(device, &|quantity| *quantity == Quantity::Output(head))[0];
             (slot, device.arcsec_per_unit(&device.values()[slot]))
         };
         let flag = |(slot, value): (usize, &geu_protocol::layout::ValueSpec)| match value.quantity {
@@ -131,37 +150,30 @@ impl DeviceCountsReader {
             _ => None,
         };
         let gyros = device.all_gyros();
-        let mut counts = AccumulatedCounts::of_unit(gyros, device.interval_s, 0);
-        for (rounded_to, head) in counts.rounded_to.iter_mut().zip(&device.heads) {
-            let is_rounded = head.is_rounded && device.output == Output::Increment;
-            *rounded_to = if is_rounded { head.count_arcsec } else { 0.0 };
-        }
-        DeviceCountsReader {
+        HeadReader {
+            gyros,
             heads: (0..gyros.heads()).map(head).collect(),
             flags: device.values().iter().enumerate().filter_map(flag).collect(),
             largest_arcsec: device.range_arcsec_s * device.interval_s * (1.0 - 1e-6),
-            celsius: [
-                slots(&|quantity| *quantity == Quantity::Electronics),
-                slots(&|quantity| *quantity == Quantity::Sensor),
-                slots(&|quantity| matches!(quantity, Quantity::Temperature(_))),
-            ],
             is_rate: device.output == Output::Rate,
             is_table: device.table.is_some() && device.serial.is_none() && device.can.is_none(),
             interval_s: device.interval_s,
-            nodes: NodeReader::new(counts),
-            per_node: 1,
-            since: vec![0.0; gyros.heads()],
             first: None,
             end: 0.0,
             group: String::new(),
-            pending: Vec::new(),
-            recent: vec![Recent::default(); gyros.heads()],
-            recording: Extras { outliers: vec![0; gyros.heads()], ..Extras::default() },
         }
     }
 
+    /// True for a row of another trial than the first: a trial has times of its own; one recording is one trial.
+    pub fn is_of_other_trial(&mut self, row: &DeviceSample) -> bool {
+        if self.first.is_none() {
+            row.group.clone_into(&mut self.group);
+        }
+        row.group != self.group
+    }
+
     /// Start and end of a row, in nominal samples since the start of the first; `None` for a repeated row.
-    fn place(&mut self, row: &DeviceSample) -> Option<(f64, f64)> {
+    pub fn place(&mut self, row: &DeviceSample) -> Option<(f64, f64)> {
         let interval_ns = self.interval_s * 1e9;
         let end_ns = row.time.map(|time| time.t_ns);
         let row_start_ns =
@@ -179,6 +191,47 @@ impl DeviceCountsReader {
             }
         };
         (to > self.end).then_some((from, to))
+    }
+
+    /// The angles of a row that lasts from one end to the other.
+    pub fn angles(&self, row: &DeviceSample, (from, to): (f64, f64)) -> HeadAngles {
+        let all = self.gyros;
+        let arcsec: Vec<f64> = self.heads.iter().map(|&(slot, arcsec)| row.values[slot] * arcsec).collect();
+        let flagged = |kind: BreakKind| {
+            let own = self.flags.iter().filter(|own| own.3 == kind && row.values[own.0] == own.2);
+            own.fold(all.with_mask(0), |gyros, own| gyros.and(all.only(own.1)))
+        };
+        HeadAngles {
+            invalid: flagged(BreakKind::Invalid).and(all.filter(|gyro| arcsec[gyro].is_nan())),
+            saturated: flagged(BreakKind::Saturated).and(all.filter(|gyro| arcsec[gyro].abs() >= self.largest_arcsec)),
+            length: if self.is_rate && self.is_table { to - from } else { 1.0 },
+            arcsec,
+        }
+    }
+}
+
+impl DeviceCountsReader {
+    pub fn new(device: &Device) -> DeviceCountsReader {
+        let gyros = device.all_gyros();
+        let mut counts = AccumulatedCounts::of_unit(gyros, device.interval_s, 0);
+        for (rounded_to, head) in counts.rounded_to.iter_mut().zip(&device.heads) {
+            let is_rounded = head.is_rounded && device.output == Output::Increment;
+            *rounded_to = if is_rounded { head.count_arcsec } else { 0.0 };
+        }
+        DeviceCountsReader {
+            heads: HeadReader::new(device),
+            celsius: [
+                slots(device, &|quantity| *quantity == Quantity::Electronics),
+                slots(device, &|quantity| *quantity == Quantity::Sensor),
+                slots(device, &|quantity| matches!(quantity, Quantity::Temperature(_))),
+            ],
+            nodes: NodeReader::new(counts),
+            per_node: 1,
+            since: vec![0.0; gyros.heads()],
+            pending: Vec::new(),
+            recent: vec![Recent::default(); gyros.heads()],
+            recording: Extras { outliers: vec![0; gyros.heads()], ..Extras::default() },
+        }
     }
 
     /// Notes what excludes gyros of the node to come.
@@ -201,7 +254,7 @@ impl DeviceCountsReader {
             }
             self.push_node(row, (next - to).abs() < 1e-6);
         }
-        self.end = to;
+        self.heads.end = to;
     }
 
     fn push_node(&mut self, row: &DeviceSample, is_end: bool) {
@@ -211,14 +264,17 @@ impl DeviceCountsReader {
         };
         let [electronics, sensor, heads] = self.celsius.each_ref().map(|slots| mean(slots));
         let electronics_c = electronics.or(sensor).or(heads).unwrap_or(UNKNOWN_C);
-        let time = row.time.filter(|_| is_end && !self.is_table).map(|time| (time.t_ns, true));
+        let time = row.time.filter(|_| is_end && !self.heads.is_table).map(|time| (time.t_ns, true));
         self.nodes.push(1, None, &self.since, electronics_c, electronics.and(sensor), time);
         self.since.fill(0.0);
         for (from, gyros, kind) in std::mem::take(&mut self.pending) {
             self.nodes.note(from, gyros, kind);
         }
         let is_even = self.nodes.node.is_multiple_of(2);
-        if self.nodes.node >= MAX_NODES && is_even && 2.0 * self.per_node as f64 * self.interval_s <= MAX_INTERVAL_S {
+        if self.nodes.node >= MAX_NODES
+            && is_even
+            && 2.0 * self.per_node as f64 * self.heads.interval_s <= MAX_INTERVAL_S
+        {
             self.per_node *= 2;
             self.nodes.halve();
             self.recording.constant.iter_mut().for_each(|run| (run.from, run.to) = (run.from / 2, run.to.div_ceil(2)));
@@ -262,12 +318,12 @@ impl DeviceCountsReader {
 
     /// The recording; `None` without a sample. `clock_start_ns` is the start of a recording without receive times.
     pub fn finish(mut self, clock_start_ns: i64) -> Option<DeviceRecording> {
-        let (start_ns, _) = self.first?;
-        for gyro in 0..self.heads.len() {
+        let (start_ns, _) = self.heads.first?;
+        for gyro in 0..self.since.len() {
             self.examine(gyro, f64::NAN);
         }
-        let interval_s = self.interval_s * self.per_node as f64;
-        let start_ns = if self.is_table { start_ns? } else { clock_start_ns };
+        let interval_s = self.heads.interval_s * self.per_node as f64;
+        let start_ns = if self.heads.is_table { start_ns? } else { clock_start_ns };
         let counts = self.nodes.finish_at(interval_s, start_ns)?;
         let Extras { constant, outliers, samples, missing, defects, left_out } = self.recording;
         let nodes = counts.node_s.len() - 1;
@@ -279,18 +335,16 @@ impl DeviceCountsReader {
 
 impl Sink<DeviceSample> for DeviceCountsReader {
     fn row(&mut self, row: &DeviceSample) {
-        if self.first.is_some() && row.group != self.group {
-            // A trial has times of its own; one recording is one trial.
+        if self.heads.is_of_other_trial(row) {
             self.recording.left_out.of_other_trials += 1;
             return;
         }
-        row.group.clone_into(&mut self.group);
-        let Some((from, to)) = self.place(row) else {
+        let Some((from, to)) = self.heads.place(row) else {
             self.recording.left_out.repeated += 1;
             return;
         };
         let all = self.nodes.gyros();
-        let missing = from - self.end;
+        let missing = from - self.heads.end;
         if missing > MISSING {
             let missing = missing.round() as u64;
             if missing > MAX_MISSING - self.recording.missing {
@@ -299,18 +353,11 @@ impl Sink<DeviceSample> for DeviceCountsReader {
             }
             self.recording.missing += missing;
             self.exclude(all, BreakKind::Gap(missing));
-            self.advance(self.end, from, &vec![0.0; self.heads.len()], row);
+            self.advance(self.heads.end, from, &vec![0.0; self.since.len()], row);
             self.exclude(all, BreakKind::Gap(missing));
         }
         self.recording.samples += 1;
-        let length = if self.is_rate && self.is_table { to - from } else { 1.0 };
-        let mut arcsec: Vec<f64> = self.heads.iter().map(|&(slot, arcsec)| row.values[slot] * arcsec).collect();
-        let flagged = |kind: BreakKind| {
-            let own = self.flags.iter().filter(|own| own.3 == kind && row.values[own.0] == own.2);
-            own.fold(all.with_mask(0), |gyros, own| gyros.and(all.only(own.1)))
-        };
-        let invalid = flagged(BreakKind::Invalid).and(all.filter(|gyro| arcsec[gyro].is_nan()));
-        let saturated = flagged(BreakKind::Saturated).and(all.filter(|gyro| arcsec[gyro].abs() >= self.largest_arcsec));
+        let HeadAngles { mut arcsec, invalid, saturated, length } = self.heads.angles(row, (from, to));
         for (gyro, arcsec) in arcsec.iter_mut().enumerate() {
             match arcsec.is_nan() {
                 true => *arcsec = 0.0,
