@@ -15,6 +15,7 @@ use ureq::http::Method;
 use crate::command_error::{CommandError, note, say};
 use crate::control_client::ControlClient;
 use crate::decode::{InputArgs, note_elsewhere};
+use crate::device::verify_default;
 use crate::running;
 use crate::settings::{ConfigArgs, NamedConfigArgs};
 use crate::token::Token;
@@ -37,6 +38,9 @@ pub struct Arguments {
     link: String,
     #[command(flatten)]
     unit: NamedConfigArgs,
+    /// Unit of the link: the default one, iras
+    #[arg(long, value_name = "NAME", hide = true)]
+    device: Option<String>,
     /// Reference attitude: reference.csv or a CCSDS attitude ephemeris
     #[arg(long, value_name = "FILE")]
     reference: Option<String>,
@@ -63,6 +67,9 @@ pub struct Arguments {
 /// # Errors
 /// An input cannot be read, standard output cannot be written; with `--strict`, alarms.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
+    let reason =
+        "alarms are made for the noise of the default unit; `geu diagnose --device` compares a recording with a model";
+    verify_default(arguments.device.as_deref(), reason)?;
     let configuration = ConfigArgs::from(&arguments.unit).read()?;
     let reference = arguments.reference.as_ref().map(|name| ReferenceAttitude::read(name));
     let reference = reference.transpose().map_err(CommandError::input)?;
