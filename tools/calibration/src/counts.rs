@@ -7,7 +7,7 @@ mod device_reader;
 mod reader;
 
 pub use device_reader::{ConstantRun, DeviceCountsReader, DeviceRecording, RowsLeftOut};
-pub(crate) use device_reader::{HeadAngles, HeadReader};
+pub use device_reader::{HeadAngles, HeadReader};
 use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::field::{GYRO_FLAGS, unit_flag};
 use geu_protocol::{Gyro, Gyros, Sample};

@@ -30,7 +30,7 @@ use crate::counts::{BreakKind, increments, unusable};
 use crate::parity::{ParityMonitor, ParityResult};
 use crate::prior::PriorCalibration;
 use crate::transfer::{GyroSet, Transfer};
-pub use described::DeviceTracker;
+pub use described::{DeviceTracker, rotation_of_heads};
 pub use selection::{GyroSelection, Reason, TrackerEvent, gyro_set_name};
 
 /// A restart of the sequence within this time of the sample before lost no sample.

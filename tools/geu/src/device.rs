@@ -83,7 +83,7 @@ pub fn verify_link(device: &Device) -> Result<(), CommandError> {
 /// Refuses another unit than the default one, with the reason.
 ///
 /// # Errors
-/// A described unit, or none of this name.
+/// A described unit, or an unknown name.
 pub fn verify_default(name: Option<&str>, reason: &str) -> Result<(), CommandError> {
     match name.map(unit).transpose()?.filter(|device| !device.is_iras()) {
         Some(device) => {

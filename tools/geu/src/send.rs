@@ -31,8 +31,8 @@ pub struct Arguments {
     /// Send these bytes as the payload, to test the answer to a wrong command: 0909FF
     #[arg(long, value_name = "HEX", conflicts_with = "command")]
     raw: Option<String>,
-    /// Unit of the link: the default one, iras
-    #[arg(long, value_name = "NAME", hide = true)]
+    /// Unit of the link; the default one alone has commands
+    #[arg(long, value_name = "NAME|FILE")]
     device: Option<String>,
     /// Timeout of the reply
     #[arg(long, value_name = "DURATION", default_value = "1", allow_negative_numbers = true, value_parser = crate::settings::duration(0.0, 3600.0))]

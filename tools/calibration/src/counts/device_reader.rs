@@ -77,7 +77,7 @@ struct Recent {
 
 /// Angles of the heads of a described unit, from its samples in order.
 #[derive(Debug, Clone)]
-pub(crate) struct HeadReader {
+pub struct HeadReader {
     gyros: Gyros,
     /// Slot of each head's output, and its angle over the nominal interval, arcsec per unit.
     heads: Vec<(usize, f64)>,
@@ -96,7 +96,7 @@ pub(crate) struct HeadReader {
 }
 
 /// Angles of one sample.
-pub(crate) struct HeadAngles {
+pub struct HeadAngles {
     /// Angle of each head, arcsec; `NaN` if missing.
     pub arcsec: Vec<f64>,
     pub invalid: Gyros,

@@ -41,7 +41,7 @@ impl DeviceTracker {
     pub fn new(configuration: &Configuration, attitude: UnitQuaternion<f64>) -> Result<DeviceTracker, String> {
         let (device, axes) = (&configuration.device, sensing_matrix(configuration));
         let heads = device.all_gyros();
-        let inverse = inverse(&axes, heads).ok_or_else(|| {
+        let inverse = rotation_of_heads(&axes, heads).ok_or_else(|| {
             let (unit, got) = (&device.name, heads.names().join(", "));
             format!("{unit}: expected heads about three axes, which an attitude needs, got {got}")
         })?;
@@ -123,13 +123,13 @@ impl DeviceTracker {
         if measured == self.in_use.0 {
             return true;
         }
-        let inverse = inverse(&self.axes, measured);
+        let inverse = rotation_of_heads(&self.axes, measured);
         inverse.map(|inverse| self.in_use = (measured, inverse)).is_some()
     }
 }
 
 /// The rotation about the control axes from those about the axes of these heads, fitted to them; `None` if they do not determine it.
-fn inverse(axes: &MatrixXx3<f64>, heads: Gyros) -> Option<Matrix3xX<f64>> {
+pub fn rotation_of_heads(axes: &MatrixXx3<f64>, heads: Gyros) -> Option<Matrix3xX<f64>> {
     let mut used = axes.clone();
     (0..heads.heads()).filter(|&gyro| !heads[gyro]).for_each(|gyro| used.row_mut(gyro).fill(0.0));
     let square = used.transpose() * &used;
