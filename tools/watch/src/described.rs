@@ -161,10 +161,10 @@ impl DeviceMonitor {
                 self.monitor.interrupt(kind, gyros, 1);
             }
         }
-        self.arcsec
-            .iter_mut()
-            .zip(&arcsec)
-            .for_each(|(sum, arcsec)| *sum += if arcsec.is_nan() { 0.0 } else { *arcsec });
+        let measured = self.all.without(invalid).without(saturated);
+        for (gyro, (sum, arcsec)) in self.arcsec.iter_mut().zip(&arcsec).enumerate() {
+            *sum += if measured[gyro] { *arcsec } else { 0.0 };
+        }
         self.filled += 1;
         if (to as u64).is_multiple_of(self.samples) {
             self.end_node();
@@ -178,5 +178,42 @@ impl DeviceMonitor {
         self.monitor.add(&self.arcsec[..self.all.heads()], broken);
         (self.arcsec, self.broken, self.filled) = ([0.0; MAX_HEADS], self.all.with_mask(0), 0);
         self.node += 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use geu_model::attitude::{AttitudeRow, RecordedAttitude};
+    use geu_model::device::Device;
+    use geu_protocol::capture::Timestamp;
+
+    use super::*;
+
+    #[test]
+    fn any_times_numbers_and_values_are_taken() {
+        let device = std::sync::Arc::new(Device::from_name("kvh-1750").expect("a known unit"));
+        let row = |index: u32| AttitudeRow {
+            t_s: f64::from(index),
+            angle_control_arcsec: [f64::from(index); 3],
+            theta_psi_rad: None,
+        };
+        let truth = RecordedAttitude::new(&(0..5000).map(row).collect::<Vec<_>>()).expect("a truth");
+        let reference =
+            ReferenceAttitude { start_ns: 0, truth: truth.into(), sigma_arcsec: Vec::new(), time_system: None };
+        let configuration = Configuration::of_device(&device, &[]).expect("a configuration");
+        let mut monitor = DeviceMonitor::new(&configuration, reference);
+        let (mut random, mut number) = (1_u64, 0_u64);
+        for _ in 0..40_000 {
+            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            let draw = (random >> 33) as usize;
+            number = number.saturating_add([1, 1, 1, 1, 500, 0, 1 << 20, u64::MAX / 3][draw % 8]);
+            let values = [0.0, 1e-5, f64::NAN, f64::INFINITY, -1e300, 1.0];
+            let values =
+                (0..device.values().len()).map(|slot| values[(draw >> 3).wrapping_add(slot * draw) % 6]).collect();
+            let time = draw.is_multiple_of(5).then_some(Timestamp { t_ns: (random << 7) as i64, digits: 6 });
+            for event in monitor.push(&DeviceSample { time, number, values, ..DeviceSample::default() }) {
+                assert!(event.statistic.is_finite() && event.t_s.is_finite(), "{event:?}");
+            }
+        }
     }
 }
