@@ -354,3 +354,15 @@ dbc = "unit.dbc"
     assert!(summary.contains("accounts for all") && value(&summary, "interface") == "can0, vcan3", "{summary}");
     assert_eq!([value(&summary, "samples-lost"), value(&summary, "frames-DATA")], ["0", "20"]);
 }
+
+#[test]
+fn send_refuses_a_unit_without_commands_with_the_reason() {
+    for (arguments, reason) in [
+        (&["send", "/tmp/geu0", "PING", "--device", "stim300"][..], "would have to list commands"),
+        (&["send", "/tmp/geu0", "PING", "--device", "stim30"], "did you mean `stim300`"),
+    ] {
+        let output = geu().args(arguments).output().expect("geu starts");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(2) && said.contains(reason), "{arguments:?}: {said}");
+    }
+}

@@ -305,3 +305,53 @@ fn a_recording_without_a_sample_for_its_links_is_refused_with_the_reason() {
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.code() == Some(2) && said.contains("another --interface, with 360 frames"), "{said}");
 }
+
+#[test]
+fn bytes_of_a_described_unit_come_as_they_were_at_its_pace() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let out = directory.path().join("tetrad");
+    let mut command = geu();
+    command.args(["simulate", "--device", "tetrad", "--duration", "2", "--out"]).arg(&out);
+    assert!(command.stderr(Stdio::null()).status().expect("geu starts").success());
+    let path = out.join("link.bin").to_str().expect("text").to_owned();
+    let mut bytes = fs::read(&path).expect("a recording");
+    let length = bytes.len() / 200;
+    // A second of samples is missing, and the line has noise.
+    bytes.drain(50 * length..150 * length);
+    bytes.splice(10 * length..10 * length, [0xA5, 0x5A, 0, 1]);
+    fs::write(&path, &bytes).expect("written");
+    let start = Instant::now();
+    let (received, said) = Replay::start(&[&path, "--device", "tetrad"]).end();
+    assert_eq!(received, bytes, "{said}");
+    assert!(said.contains("samples 100 of the recording"), "{said}");
+    assert!((1.9..6.0).contains(&start.elapsed().as_secs_f64()), "two seconds, got {:?}", start.elapsed());
+    // The description in the recording's configuration is one, too.
+    let unit = out.join("run.toml").to_str().expect("text").to_owned();
+    let options = ["--device", &unit, "--speed", "max", "--from", "0.1", "--to", "0.3"];
+    let (part, _) = Replay::start(&[&[path.as_str()][..], &options].concat()).end();
+    assert_eq!(part, bytes[10 * length..30 * length + 4]);
+
+    let mut replay = Replay::start(&[&path, "--device", "tetrad", "--step"]);
+    let mut input = replay.input.take().expect("a pipe");
+    writeln!(input, "3").expect("written");
+    assert_eq!(replay.read_exactly(3 * length), bytes[..3 * length]);
+    replay.stream.set_read_timeout(Some(Duration::from_millis(400))).expect("a socket");
+    assert!(replay.stream.read(&mut [0]).is_err(), "nothing without a step");
+
+    let plan = directory.path().join("plan.toml");
+    fs::write(&plan, "[[fault]]\nfault = \"drop\"\n").expect("written");
+    let plan = plan.to_str().expect("text");
+    for (arguments, expected) in [
+        (&["--tcp", "127.0.0.1:0", "--device", "kvh-1750"][..], "expected frames of KVH"),
+        (&["--tcp", "127.0.0.1:0", "--device", "tetrad", "--faults", plan], "--faults: expected the default unit"),
+        (&["--tcp", "127.0.0.1:0", "--device", "suchai3"], "expected a unit with a link"),
+        (&["--tcp", "127.0.0.1:0", "--device", "tetrat"], "did you mean `tetrad`"),
+        (&["--can", "vcan0", "--device", "tetrad"], "expected a link that it has, --pty, --serial or --tcp"),
+        (&["--tcp", "127.0.0.1:0", "--device", "tetrad", "--from", "9"], "expected an earlier --from"),
+    ] {
+        let output = geu().args(["replay", &path]).args(arguments).stdin(Stdio::null()).output().expect("geu starts");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
+        assert!(said.contains(expected) && output.stdout.is_empty(), "{arguments:?}: {said}");
+    }
+}

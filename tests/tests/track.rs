@@ -180,3 +180,81 @@ fn solved(scale_factor: &str) -> String {
     let gyros = [("GYRX", ["y", "z"]), ("GYRY", ["x", "z"]), ("GYRZA", ["x", "y"]), ("GYRZB", ["x", "y"])].map(gyro);
     format!(r#"{{"gyros": {{{}}}, "chi2": {{"value": 8.0, "dof": 8}}}}"#, gyros.join(", "))
 }
+
+#[test]
+fn heads_of_any_directions_turn_as_the_unit_does() {
+    let folder = tempfile::tempdir().expect("a directory");
+    let (rates_deg_s, duration_s) = (Vector3::<f64>::new(3.0, -2.0, 1.0), 10.0);
+    let motion = "[[motion]]\nduration_s = 10.0\nx_deg_s = 3.0\ny_deg_s = -2.0\nz_deg_s = 1.0\n";
+    let turned = UnitQuaternion::from_scaled_axis(rates_deg_s * duration_s * std::f64::consts::PI / 180.0);
+    let simulated = |device: &str, more: &str, name: &str| {
+        let (unit, out) = (folder.path().join(format!("{name}.toml")), folder.path().join(name));
+        fs::write(&unit, format!("device = \"{device}\"\n{more}{motion}")).expect("a file");
+        simulate(&[path(&unit), "--duration", "10"], &out);
+        (path(&out.join("link.bin")).to_owned(), path(&unit).to_owned())
+    };
+    let track = |link: &str, unit: &str| {
+        let output = run(&["track", link, "--config", unit]);
+        assert!(output.status.success(), "{}", stderr(&output));
+        String::from_utf8(output.stdout.clone()).expect("text")
+    };
+    let end = |text: &str| {
+        let rows = columns(text, ["q_w", "q_x", "q_y", "q_z"]);
+        let [w, x, y, z] = numbers(rows.last().expect("a row"));
+        UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
+    };
+    let calibrated = |head: &str| {
+        format!("[gyro.{head}]\ncalibration = {{ scale_factor = 1.001, drift_arcsec_per_half_s = 0.3 }}\n")
+    };
+    for (device, head) in [("stim300", "X"), ("kvh-1750", "Y"), ("tetrad", "C")] {
+        let (link, unit) = simulated(device, &calibrated(head), device);
+        let error_arcsec = end(&track(&link, &unit)).angle_to(&turned).to_degrees() * 3600.0;
+        // Half a count of a rate, 0.11″/s, is up to 1.1″.
+        assert!(error_arcsec < 1.2, "{device}: {error_arcsec}\"");
+        // Without the calibration the scale factor of one head is missing.
+        let output = run(&["track", &link, "--device", device]);
+        let text = String::from_utf8(output.stdout.clone()).expect("text");
+        let error_arcsec = end(&text).angle_to(&turned).to_degrees() * 3600.0;
+        assert!((10.0..400.0).contains(&error_arcsec), "{device}: {error_arcsec}\"");
+    }
+
+    // A head is not valid for a second, and a head drifts: three heads determine the attitude, four show the drift.
+    let fault = "[[fault]]\nfault = \"flip-flags\"\ngyro_flags = 8\nat_s = 2.0\nfor_s = 1.0\n";
+    let (link, unit) = simulated("tetrad", fault, "invalid");
+    let text = track(&link, &unit);
+    assert!(end(&text).angle_to(&turned).to_degrees() * 3600.0 < 0.2);
+    let rows = columns(&text, ["heads", "valid", "notes"]);
+    assert_eq!(rows.iter().filter(|row| row[0] == "A B C").count(), 100);
+    assert!(rows.iter().all(|row| row[1] == "1" && (row[0] == "A B C") == (row[2] == "D: the count is not valid")));
+    let (drifts, _) = simulated("tetrad", "[gyro.B]\ndrift = { arcsec_per_h = 7200.0 }\n", "drifts");
+    let output = run(&["track", &drifts, "--device", "tetrad"]);
+    let text = String::from_utf8(output.stdout.clone()).expect("text");
+    let [_, residual] = columns(&text, ["redundancy_head", "redundancy_arcsec"]).pop().expect("a row");
+    // A fourth of the 20" is common to all four heads of a tetrad.
+    assert!((residual.parse::<f64>().expect("a number").abs() - 5.0).abs() < 0.1, "{residual}");
+
+    // Missing samples are no part of the attitude.
+    let bytes = fs::read(&link).expect("a link");
+    let length = bytes.len() / 1000;
+    fs::write(&link, [&bytes[..100 * length], &bytes[110 * length..]].concat()).expect("written");
+    let output = run(&["track", &link, "--config", &unit, "--strict"]);
+    assert!(
+        output.status.code() == Some(1) && stderr(&output).contains("10 samples are missing"),
+        "{}",
+        stderr(&output)
+    );
+    let text = String::from_utf8(output.stdout.clone()).expect("text");
+    assert_eq!(columns(&text, ["valid", "lost_samples"])[100], ["0", "10"]);
+
+    for (arguments, expected) in [
+        (&["--device", "mm5.10"][..], "Bosch MM5.10: expected heads about three axes"),
+        (&["--device", "kvh-1750"], "expected frames of KVH"),
+        (&["--device", "tetrad", "--gyros", "all"], "--gyros: expected the default unit"),
+        (&["--device", "tetrad", "--base", "1A0"], "--base: expected none"),
+        (&["--device", "stim300", "--config", &unit], "expected a configuration of Safran Sensonor STIM300"),
+    ] {
+        let output = run(&[&["track", &link][..], arguments].concat());
+        assert!(output.status.code() == Some(2), "{arguments:?}: {}", stderr(&output));
+        assert!(stderr(&output).contains(expected), "{arguments:?}: {}", stderr(&output));
+    }
+}

@@ -231,3 +231,62 @@ fn refused_input_is_one_message_and_a_closed_output_ends_it_quietly() {
     let output = child.wait_with_output().expect("its end");
     assert_eq!((output.status.code(), text(&output.stderr)), (Some(0), String::new()));
 }
+
+#[test]
+fn a_head_of_a_described_unit_that_changed_is_an_alarm_with_its_name() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let turns = |[x, y, z]: [f64; 3]| {
+        format!(
+            "[[motion]]\nduration_s = 300.0\nx_deg_s = {x}\ny_deg_s = {y}\nz_deg_s = {z}\n[[motion]]\nduration_s = 60.0\n"
+        )
+    };
+    let rates = [[0.5, 0.0, 0.1], [0.0, -0.4, 0.0], [-0.3, 0.2, 0.6], [0.0, 0.3, -0.5], [-0.4, 0.0, 0.0]];
+    let motion: String = rates.iter().cycle().take(15).map(|rates| turns(*rates)).collect();
+    for (device, heads, head, link) in
+        [("tetrad", &["A", "B", "C", "D"][..], "C", "link.bin"), ("mm5.10", &["Z", "X"], "X", "link.log")]
+    {
+        let (unit, out) = (directory.path().join(format!("{device}.toml")), directory.path().join(device));
+        // The configuration of the watch has no noise: the first half hour shows it.
+        let noise = |own: &str| format!("[gyro.{own}]\nangle-random-walk = {{ arcsec_per_sqrt_s = 0.4 }}\n");
+        let noise: String = heads.iter().map(|own| noise(own)).collect();
+        fs::write(&unit, format!("device = \"{device}\"\n{noise}{motion}")).expect("written");
+        let unit = unit.to_str().expect("text");
+        let step = [format!("gyro.{head}.drift-step.arcsec_per_h=900"), format!("gyro.{head}.drift-step.time_s=3000")];
+        let mut simulate = geu();
+        simulate.args(["simulate", unit, "--duration", "5400", "--set", &step[0], "--set", &step[1], "--out"]);
+        let output = simulate.arg(&out).output().expect("geu starts");
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let (link, reference) = (out.join(link), out.join("reference.csv"));
+        if device == "tetrad" {
+            // A second of it is lost on the line.
+            let bytes = fs::read(&link).expect("a link");
+            let length = bytes.len() / 540_000;
+            fs::write(&link, [&bytes[..250_000 * length], &bytes[250_100 * length..]].concat()).expect("written");
+        }
+        let mut watch = geu();
+        watch.arg("watch").arg(&link).args(["--device", device, "--control", "off", "--reference"]).arg(&reference);
+        let output = watch.output().expect("geu starts");
+        let seen: Vec<(String, String, Value)> = events(&output)
+            .into_iter()
+            .map(|event| {
+                let word = |key: &str| event[key].as_str().expect("a word").to_owned();
+                if event["event"] == "alarm" {
+                    assert!((3000.0..3900.0).contains(&event["t_s"].as_f64().expect("a time")), "{event}");
+                }
+                (word("event"), word("code"), event["gyros"].clone())
+            })
+            .collect();
+        let own = serde_json::json!([head]);
+        let all = serde_json::json!(heads);
+        let mut expected = vec![("alarm", "unknown", &own), ("named", "drift", &own)];
+        if device == "tetrad" {
+            expected.insert(0, ("interruption", "lost-samples", &all));
+        }
+        let seen: Vec<(&str, &str, &Value)> = seen.iter().map(|(a, b, c)| (a.as_str(), b.as_str(), c)).collect();
+        assert_eq!(seen, expected, "{device}: {}", text(&output.stderr));
+
+        let output = geu().arg("watch").arg(&link).args(["--device", device]).output().expect("geu starts");
+        let said = text(&output.stderr);
+        assert!(output.status.code() == Some(2) && said.contains("expected --reference FILE"), "{said}");
+    }
+}

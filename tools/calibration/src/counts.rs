@@ -4,6 +4,7 @@
 //! out, a fast or drifting clock remains.
 
 mod device_reader;
+mod head_reader;
 mod reader;
 
 pub use device_reader::{ConstantRun, DeviceCountsReader, DeviceRecording, RowsLeftOut};
@@ -11,6 +12,7 @@ use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::field::{GYRO_FLAGS, unit_flag};
 use geu_protocol::{Gyro, Gyros, Sample};
 use geu_recording::ReferenceAttitude;
+pub use head_reader::{HeadAngles, HeadReader};
 use nalgebra::Matrix4;
 pub use reader::CountsReader;
 

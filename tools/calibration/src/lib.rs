@@ -28,6 +28,6 @@ pub use counts::{
     AccumulatedCounts, BreakKind, CountsReader, DeviceCountsReader, DeviceRecording, Discontinuity, Interpolation,
 };
 pub use prior::{PriorCalibration, PriorError};
-pub use track::{GyroSelection, Track, Tracker, TrackerEvent};
+pub use track::{DeviceTracker, GyroSelection, Track, Tracker, TrackerEvent};
 pub use transfer::{GyroSet, Transfer};
 pub use update::{CalibrationUpdate, PriorAccuracy, UpdateError, update};

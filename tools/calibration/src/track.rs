@@ -16,12 +16,13 @@
 //! assert!((track.increment_control_arcsec.unwrap()[0] - 0.21).abs() < 1e-3);
 //! ```
 
+mod described;
 mod selection;
 
 use geu_model::units::ARCSEC_PER_RAD;
-use geu_protocol::Sample;
 use geu_protocol::capture::Timestamp;
 use geu_protocol::continuity::{Continuity, MAX_MISSING, SequenceStep};
+use geu_protocol::{Gyros, Sample};
 use geu_recording::ReceivedSample;
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -29,6 +30,7 @@ use crate::counts::{BreakKind, increments, unusable};
 use crate::parity::{ParityMonitor, ParityResult};
 use crate::prior::PriorCalibration;
 use crate::transfer::{GyroSet, Transfer};
+pub use described::{DeviceTracker, rotation_of_heads};
 pub use selection::{GyroSelection, Reason, TrackerEvent, gyro_set_name};
 
 /// A restart of the sequence within this time of the sample before lost no sample.
@@ -37,7 +39,10 @@ const NEXT_NS: i64 = 750_000_000;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Track {
     pub time: Option<Timestamp>,
+    /// The default for a described unit.
     pub sample: Sample,
+    /// Number of the sample, missing ones counted, of a described unit.
+    pub number: Option<u64>,
     /// Rotation about the control axes over the sample interval (eq 3); `None` if the gyros in use did not measure it.
     pub increment_control_arcsec: Option<[f64; 3]>,
     pub angle_control_arcsec: [f64; 3],
@@ -48,6 +53,10 @@ pub struct Track {
     /// Number of samples missing from it, by sequence and clock.
     pub lost_samples: u64,
     pub in_use: Option<GyroSet>,
+    /// Heads in use, of a described unit.
+    pub heads: Option<Gyros>,
+    /// The head of a described unit with the largest residual against all since the start, and the residual, arcsec; `None` for three heads.
+    pub residual: Option<(&'static str, f64)>,
     /// The parity check, if both gyros of the redundant pair measured.
     pub parity: Option<ParityResult>,
     /// Why increments before or of this sample are missing or unusable.
@@ -64,14 +73,20 @@ pub struct Tracker {
     continuity: Continuity,
     last_time: Option<Timestamp>,
     in_use: GyroSet,
+    turned: Turned,
+    /// Number of samples without increments up to now.
+    without: u64,
+}
+
+/// Sum and integral of increments.
+#[derive(Debug, Clone)]
+struct Turned {
     angle_control_arcsec: [f64; 3],
     attitude: UnitQuaternion<f64>,
     /// Increment of the sample before, rad, if it has one.
     before_control_rad: Option<Vector3<f64>>,
     is_complete: bool,
     lost_samples: u64,
-    /// Number of samples without increments up to now.
-    without: u64,
 }
 
 impl Tracker {
@@ -85,11 +100,7 @@ impl Tracker {
             continuity: Continuity::default(),
             last_time: None,
             in_use: candidates[0],
-            angle_control_arcsec: [0.0; 3],
-            attitude,
-            before_control_rad: None,
-            is_complete: true,
-            lost_samples: 0,
+            turned: Turned::new(attitude),
             without: 0,
         }
     }
@@ -114,13 +125,15 @@ impl Tracker {
         self.last_time = time;
         let (mut reasons, mut events) = (vec![], vec![]);
         if let Some((kind, samples)) = missing {
-            reasons.push(Reason { kind, gyros: [true; 4] });
+            reasons.push(Reason { kind, gyros: Gyros::ALL });
             self.parity.skip(samples);
-            self.lose(samples);
-            events.push(TrackerEvent::Lost { kind, gyros: [true; 4], other: None });
+            self.turned.lose(samples);
+            events.push(TrackerEvent::Lost { kind, gyros: Gyros::ALL, other: None });
         }
         let unusable = unusable(&sample).into_iter().filter(|(_, gyros)| gyros.contains(&true));
-        reasons.extend(unusable.clone().map(|(kind, gyros)| Reason { kind, gyros }));
+        reasons.extend(
+            unusable.clone().map(|(kind, gyros)| Reason { kind, gyros: Gyros::ALL.filter(|gyro| gyros[gyro]) }),
+        );
         let measured: [bool; 4] = std::array::from_fn(|gyro| !unusable.clone().any(|(_, gyros)| gyros[gyro]));
         let counts = increments(&sample);
         let parity = if measured == [true; 4] {
@@ -132,17 +145,12 @@ impl Tracker {
         events.extend(parity.iter().flat_map(ParityResult::events));
         let used = self.turn_by(counts, measured, &reasons, &mut events);
         Some(Track {
-            time: row.time,
             sample,
-            increment_control_arcsec: used.map(|(_, increment)| increment),
-            angle_control_arcsec: self.angle_control_arcsec,
-            attitude: self.attitude,
-            is_complete: self.is_complete,
-            lost_samples: self.lost_samples,
             in_use: used.map(|(in_use, _)| in_use),
             parity,
             reasons,
             events,
+            ..self.turned.track(row.time, used.map(|(_, increment)| increment))
         })
     }
 
@@ -166,7 +174,7 @@ impl Tracker {
                 events.push(TrackerEvent::Lost { kind, gyros, other: other.map(|(choice, _)| choice) });
             }
             self.without += 1;
-            self.lose(1);
+            self.turned.lose(1);
             return None;
         };
         if self.without > 0 {
@@ -177,13 +185,39 @@ impl Tracker {
         }
         (self.in_use, self.without) = (in_use, 0);
         let increment = transfer.about_control_arcsec(counts, 1.0);
-        self.turn(increment);
+        self.turned.turn(increment);
         Some((in_use, increment))
+    }
+}
+
+impl Turned {
+    fn new(attitude: UnitQuaternion<f64>) -> Turned {
+        let angle_control_arcsec = [0.0; 3];
+        Turned { angle_control_arcsec, attitude, before_control_rad: None, is_complete: true, lost_samples: 0 }
+    }
+
+    fn track(&self, time: Option<Timestamp>, increment_control_arcsec: Option<[f64; 3]>) -> Track {
+        Track {
+            time,
+            sample: Sample::default(),
+            number: None,
+            increment_control_arcsec,
+            angle_control_arcsec: self.angle_control_arcsec,
+            attitude: self.attitude,
+            is_complete: self.is_complete,
+            lost_samples: self.lost_samples,
+            in_use: None,
+            heads: None,
+            residual: None,
+            parity: None,
+            reasons: Vec::new(),
+            events: Vec::new(),
+        }
     }
 
     fn lose(&mut self, samples: u64) {
         self.is_complete = false;
-        self.lost_samples += samples;
+        self.lost_samples = self.lost_samples.saturating_add(samples);
         self.before_control_rad = None;
     }
 
@@ -245,7 +279,7 @@ mod tests {
             let about = |axis: Vector3<f64>, angle: f64| UnitQuaternion::from_scaled_axis(axis * angle);
             about(Vector3::z(), rate * t_s) * about(Vector3::x(), half_cone) * about(Vector3::z(), -rate * t_s)
         };
-        tracker.attitude = at(0.0);
+        tracker.turned.attitude = at(0.0);
         // ω = rate·(Rᵀz − z), with Rᵀz = (−sin b sin at, sin b cos at, cos b).
         let integral = |t_s: f64| {
             let (sin, cos) = (rate * t_s).sin_cos();
@@ -256,10 +290,10 @@ mod tests {
             for k in 0..2400 {
                 let (from_s, to_s) = (f64::from(k) * 0.5, f64::from(k + 1) * 0.5);
                 if !with_coning {
-                    tracker.before_control_rad = None;
+                    tracker.turned.before_control_rad = None;
                 }
-                tracker.turn(((integral(to_s) - integral(from_s)) * ARCSEC_PER_RAD).into());
-                worst_arcsec = worst_arcsec.max(tracker.attitude.angle_to(&at(to_s)) * ARCSEC_PER_RAD);
+                tracker.turned.turn(((integral(to_s) - integral(from_s)) * ARCSEC_PER_RAD).into());
+                worst_arcsec = worst_arcsec.max(tracker.turned.attitude.angle_to(&at(to_s)) * ARCSEC_PER_RAD);
             }
             worst_arcsec
         };

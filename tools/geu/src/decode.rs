@@ -84,11 +84,17 @@ impl InputArgs {
     }
 
     /// A reader for a described unit.
-    fn device_reader(
+    ///
+    /// # Errors
+    /// Signals cannot be watched, or a base of identifiers that a description has.
+    pub fn device_reader(
         &self,
         inputs: &[String],
         device: &Device,
     ) -> Result<InputReader<'static, DeviceDecoder>, CommandError> {
+        if self.base.is_some() {
+            return Err(CommandError::input("--base: expected none: the identifiers are in the description"));
+        }
         let mut options = self.options();
         options.baud = options.baud.or(device.serial.as_ref().map(|serial| serial.baud));
         Ok(InputReader::with(DeviceDecoder::new(device, &options), options, self.stop(inputs)?))
@@ -212,16 +218,7 @@ fn decode<D: Decode>(
     }
     note_elsewhere(&summary);
     result?;
-    match &summary.device {
-        None => arguments.reading.note_no_rows(&summary),
-        Some(device) if summary.rows == 0 => note(format_args!(
-            "geu: no sample: expected frames or rows of {device}, see `geu device show`; got {} other frames, {} other bytes and {} defects\n",
-            summary.account.other,
-            summary.account.resynchronised_bytes,
-            summary.account.defect_count()
-        )),
-        Some(_) => {}
-    }
+    arguments.reading.note_no_rows(&summary);
     arguments.check_strict(summary.account.defect_count())
 }
 

@@ -80,6 +80,19 @@ pub fn verify_link(device: &Device) -> Result<(), CommandError> {
     }
 }
 
+/// Refuses another unit than the default one, with the reason.
+///
+/// # Errors
+/// A described unit, or an unknown name.
+pub fn verify_default(name: Option<&str>, reason: &str) -> Result<(), CommandError> {
+    match name.map(unit).transpose()?.filter(|device| !device.is_iras()) {
+        Some(device) => {
+            Err(CommandError::input(format!("--device: expected {DEFAULT_DEVICE}, got {}: {reason}", device.name)))
+        }
+        None => Ok(()),
+    }
+}
+
 fn unknown(name: &str) -> CommandError {
     let names: Vec<&str> = DEVICES.iter().map(|(name, _)| *name).collect();
     let hint = did_you_mean(name, &names);

@@ -3,6 +3,7 @@
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
@@ -13,6 +14,7 @@ use geu_daemon::link::LinkAddress;
 use geu_daemon::replay::{self, Steps, refused};
 use geu_daemon::{RunError, asked_to_end};
 use geu_model::Configuration;
+use geu_model::device::Device;
 use geu_protocol::CanIdMap;
 use geu_protocol::capture::Format;
 use geu_protocol::excerpt::excerpt;
@@ -21,14 +23,16 @@ use geu_replay::{QUEUE, ReadResult, ReplayReport, ReplaySelection, ReplaySource}
 
 use crate::command_error::{CommandError, note};
 use crate::decode::input_format;
+use crate::device::unit;
 use crate::expectations;
 use crate::links::Links;
+use crate::run::verify_links;
 use crate::settings::{add_plan, can_base, duration, seed};
 
 /// Sends a recording over links, as `geu run` sends the unit's samples, at the recorded times.
 ///
 /// Over a link of the recorded format it is sent byte for byte, with its defects and, on CAN, with other traffic; over a link of
-/// the other format its samples are encoded again. Commands are counted; replay sends no replies.
+/// the other format its samples are encoded again, of the default unit alone. Commands are counted; replay sends no replies.
 #[derive(Args, Debug)]
 pub struct Arguments {
     /// Recording that `geu decode` opens, or `-`; several are one stream, in order
@@ -57,6 +61,9 @@ pub struct Arguments {
     /// Leave out other traffic and commands to the unit
     #[arg(long)]
     only: bool,
+    /// Name or description of another unit than the default one (`geu device list`)
+    #[arg(long, value_name = "NAME|FILE", conflicts_with = "base")]
+    device: Option<String>,
     /// Base of the recorded CAN identifiers, hexadecimal [default: 1A0]
     #[arg(long, value_name = "ID", value_parser = can_base)]
     base: Option<CanIdMap>,
@@ -112,8 +119,17 @@ impl Arguments {
     }
 
     fn plan(&self) -> Result<Configuration, CommandError> {
-        let mut plan = Configuration::reference();
+        let device = self.device.as_deref().map(unit).transpose()?.filter(|device| !device.is_iras());
+        let plan =
+            device.map_or_else(|| Ok(Configuration::reference()), |device| Configuration::of_device(&device, &[]));
+        let mut plan = plan.map_err(CommandError::input)?;
         plan.seed = self.seed.unwrap_or(plan.seed);
+        if !plan.device.is_iras() && !self.faults.is_empty() {
+            let name = &plan.device.name;
+            return Err(CommandError::input(format!(
+                "--faults: expected the default unit, got {name}: its recorded data are sent unchanged; run the unit with `geu run --faults`"
+            )));
+        }
         for path in &self.faults {
             add_plan(&mut plan, path)?;
             if let Some(why) = refused(&plan.faults, &plan.expectations) {
@@ -123,9 +139,10 @@ impl Arguments {
         Ok(plan)
     }
 
-    fn selection(&self, links: &[LinkAddress]) -> ReplaySelection {
+    fn selection(&self, device: &Arc<Device>, links: &[LinkAddress]) -> ReplaySelection {
         let is_can = |link: &LinkAddress| matches!(link, LinkAddress::Can(_));
         ReplaySelection {
+            device: device.clone(),
             plan: self.base.unwrap_or_default(),
             interface: self.interface.clone().map(String::into_bytes),
             is_only: self.only,
@@ -183,9 +200,11 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         recorded_plan: arguments.base.unwrap_or_default(),
         plan: arguments.plan()?,
     };
+    let device = &options.plan.device;
+    verify_links(device, &options.links)?;
     let (sender, items) = sync_channel(QUEUE);
     let (begins, began) = sync_channel(1);
-    let source = ReplaySource::new(arguments.selection(&options.links), sender, begins);
+    let source = ReplaySource::new(arguments.selection(device, &options.links), sender, begins);
     let (names, format, is_loop) = (arguments.recordings.clone(), arguments.input_format, arguments.is_loop);
     let plan = options.recorded_plan;
     let decoder_options = DecoderOptions { plan, format, ..DecoderOptions::default() };

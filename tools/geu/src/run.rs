@@ -135,7 +135,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
 }
 
 /// Refuses links that the unit does not have.
-fn verify_links(device: &Device, links: &[LinkAddress]) -> Result<(), CommandError> {
+pub fn verify_links(device: &Device, links: &[LinkAddress]) -> Result<(), CommandError> {
     verify_link(device)?;
     if device.is_iras() {
         return Ok(());

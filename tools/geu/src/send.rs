@@ -14,6 +14,7 @@ use geu_protocol::{Reply, Sample};
 use geu_recording::{CommandLink, POLL};
 
 use crate::command_error::{CommandError, print};
+use crate::device::verify_default;
 use crate::running;
 
 /// Sends a command to the unit by name and prints the decoded reply: geu send /tmp/geu0 SET_MODE polled
@@ -30,6 +31,9 @@ pub struct Arguments {
     /// Send these bytes as the payload, to test the answer to a wrong command: 0909FF
     #[arg(long, value_name = "HEX", conflicts_with = "command")]
     raw: Option<String>,
+    /// Unit of the link; the default one alone has commands
+    #[arg(long, value_name = "NAME|FILE")]
+    device: Option<String>,
     /// Timeout of the reply
     #[arg(long, value_name = "DURATION", default_value = "1", allow_negative_numbers = true, value_parser = crate::settings::duration(0.0, 3600.0))]
     timeout: f64,
@@ -43,6 +47,8 @@ pub struct Arguments {
 /// # Errors
 /// Bad usage, the link cannot be opened, there is no reply in time, the command was not done.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
+    let reason = "a description would have to list commands with request and reply, and there is no key for them";
+    verify_default(arguments.device.as_deref(), reason)?;
     if arguments.list {
         return print(format_args!("{}", table()));
     }

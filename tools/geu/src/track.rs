@@ -6,15 +6,16 @@ use std::slice;
 
 use clap::Args;
 use geu_calibration::parity::ParityResidual;
-use geu_calibration::{GyroSelection, PriorCalibration, Track, Tracker, TrackerEvent};
+use geu_calibration::{DeviceTracker, GyroSelection, PriorCalibration, Track, Tracker, TrackerEvent};
 use geu_model::Configuration;
 use geu_model::units::{ARCSEC_PER_DEG, ARCSEC_PER_RAD};
-use geu_recording::{Defect, ReceivedSample, Sink};
+use geu_recording::{Decode, Defect, InputReader, Sink};
 use geu_report::rows::{TrackFormat, instant, track_difference, track_header, write_track};
 use nalgebra::{Quaternion, UnitQuaternion};
 
 use crate::command_error::{CommandError, note};
 use crate::decode::{InputArgs, gives_rows, is_refused, note_elsewhere};
+use crate::device::unit;
 use crate::output_writer::{BUFFER, OutputWriter};
 use crate::outputs::OutputFile;
 use crate::settings::{choice, read_text};
@@ -25,6 +26,8 @@ use crate::settings::{choice, read_text};
 /// attitude then lacks the rotation of this time, and `valid` is 0 from there on. GYRZA and GYRZB are compared, over
 /// the last 60 s and since the start. A difference above 5 sigma of rounding, noise and calibration is printed on
 /// standard error at its start and when it is below 3 sigma again.
+///
+/// The rotation of another unit fits all heads that measured; more than three are compared with all of them.
 #[derive(Args)]
 pub struct Arguments {
     /// CAN interface, pty, serial device, HOST:PORT (live), recording, or `-`, as `geu decode` reads them.
@@ -37,9 +40,12 @@ pub struct Arguments {
     /// Override a value of the configuration: gyro.GYRZB.calibration.scale_factor=1.001
     #[arg(long = "set", value_name = "PATH=VALUE")]
     overrides: Vec<String>,
-    /// Gyros in use.
-    #[arg(long, value_enum, default_value_t = GyroSelection::Za)]
-    gyros: GyroSelection,
+    /// Name or description of another unit than the default one (`geu device list`); its calibration is a configuration
+    #[arg(long, value_name = "NAME|FILE")]
+    device: Option<String>,
+    /// Gyros in use, of the default unit [default: za]
+    #[arg(long, value_enum)]
+    gyros: Option<GyroSelection>,
     /// Attitude at the start, control frame to inertial [default: 1,0,0,0]
     #[arg(long, value_name = "Q_W,Q_X,Q_Y,Q_Z", allow_hyphen_values = true, value_parser = attitude)]
     attitude: Option<UnitQuaternion<f64>>,
@@ -85,13 +91,24 @@ fn attitude(text: &str) -> Result<UnitQuaternion<f64>, String> {
     }
 }
 
-fn prior(arguments: &Arguments) -> Result<PriorCalibration, CommandError> {
-    let Some(path) = &arguments.config else {
-        let configuration = Configuration::reference_with(&arguments.overrides).map_err(CommandError::input)?;
-        return Ok(PriorCalibration::from(&configuration));
+/// The calibration of the default unit, or the configuration of a described one.
+fn calibration(arguments: &Arguments) -> Result<Result<PriorCalibration, Configuration>, CommandError> {
+    let device = arguments.device.as_deref().map(unit).transpose()?.filter(|device| !device.is_iras());
+    let (device, overrides) = (device.as_ref(), &arguments.overrides);
+    let text = arguments.config.as_deref().map(|path| {
+        let expected = "a configuration, or JSON as `geu calibrate --json` writes it";
+        Ok::<_, CommandError>((path.display().to_string(), read_text(path, expected)?))
+    });
+    let configuration = match (text.transpose()?, device) {
+        (Some((name, text)), None) if text.trim_start().starts_with('{') => {
+            return PriorCalibration::parse(&name, &text, overrides).map(Ok).map_err(CommandError::input);
+        }
+        (Some((name, text)), _) => Configuration::parse_for(device, &name, &text, overrides),
+        (None, Some(device)) => Configuration::of_device(device, overrides),
+        (None, None) => Configuration::reference_with(overrides),
     };
-    let text = read_text(path, "a configuration, or JSON as `geu calibrate --json` writes it")?;
-    PriorCalibration::parse(&path.display().to_string(), &text, &arguments.overrides).map_err(CommandError::input)
+    let configuration = configuration.map_err(CommandError::input)?;
+    Ok(if configuration.device.is_iras() { Ok(PriorCalibration::from(&configuration)) } else { Err(configuration) })
 }
 
 /// Runs `geu track`.
@@ -99,25 +116,56 @@ fn prior(arguments: &Arguments) -> Result<PriorCalibration, CommandError> {
 /// # Errors
 /// The input cannot be read, the output cannot be written; with `--strict`, an incomplete attitude, alarms or defects.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
-    let prior = prior(arguments)?;
+    let start = arguments.attitude.unwrap_or_default();
+    match calibration(arguments)? {
+        Ok(prior) => {
+            let mut tracker = Tracker::new(&prior, arguments.gyros.unwrap_or_default(), start);
+            let reader = arguments.reading.reader(slice::from_ref(&arguments.link))?;
+            track(arguments, reader, None, |row| tracker.push(row))
+        }
+        Err(configuration) => {
+            let device = &configuration.device;
+            if arguments.gyros.is_some() {
+                let expected = "expected the default unit, of which it selects gyros";
+                return Err(CommandError::input(format!("--gyros: {expected}, got {}", device.name)));
+            }
+            let mut tracker = DeviceTracker::new(&configuration, start).map_err(CommandError::input)?;
+            let reader = arguments.reading.device_reader(slice::from_ref(&arguments.link), device)?;
+            track(arguments, reader, Some(device.interval_s), |row| tracker.push(row))?;
+            if tracker.of_other_trials > 0 {
+                note(format_args!("left out       {} rows of other trials\n", tracker.of_other_trials));
+            }
+            Ok(())
+        }
+    }
+}
+
+/// Tracks the rows of an input; `interval_s` is the sample interval of a described unit.
+fn track<D: Decode>(
+    arguments: &Arguments,
+    mut reader: InputReader<D>,
+    interval_s: Option<f64>,
+    push: impl FnMut(&D::Row) -> Option<Track>,
+) -> Result<(), CommandError> {
     let is_terminal = arguments.out.is_none() && stdout().is_terminal();
     let format = arguments.format.unwrap_or(if is_terminal { TrackFormat::Text } else { TrackFormat::Csv });
     let start = arguments.attitude.unwrap_or_default();
     let mut writer = Writer {
         out: arguments.out.as_ref(),
         format,
-        tracker: Tracker::new(&prior, arguments.gyros, start),
+        every: interval_s.map_or(1, |interval_s| ((TEXT_S / interval_s) as u64).max(1)),
+        is_described: interval_s.is_some(),
+        push,
         output: None,
         broken: None,
         statistics: Statistics::default(),
     };
-    let mut reader = arguments.reading.reader(slice::from_ref(&arguments.link))?;
     let result = reader.read(&arguments.link, &mut writer);
     let read = usize::from(result.is_ok());
     let (summary, ending) = reader.finish(&mut writer);
     let result = result.and(ending);
     if !is_refused(&result, &summary, read) {
-        writer.flush();
+        Sink::<D::Row>::flush(&mut writer);
     }
     if let Some(failure) = writer.broken.take() {
         return Err(failure);
@@ -145,6 +193,9 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         false => Ok(()),
     }
 }
+
+/// Interval of the lines in the format text, s, of a unit with more samples.
+const TEXT_S: f64 = 0.5;
 
 /// Losses printed one by one; the column `notes` has all of them.
 const MAX_LOSSES: u64 = 20;
@@ -177,6 +228,11 @@ impl Statistics {
         }
         text += &format!("\nangles         x {x:+.3}″  y {y:+.3}″  z {z:+.3}″, summed\n");
         match (&self.largest, &last.parity) {
+            (None, _) if last.number.is_some() => {
+                if let Some((head, arcsec)) = last.residual {
+                    text += &format!("redundancy     {arcsec:+.3}″ of {head} against all heads, summed: the largest\n");
+                }
+            }
             (Some((largest, at)), latest) => {
                 let latest = latest
                     .map_or_else(|| "none at the end".to_owned(), |checked| track_difference(checked.accumulated));
@@ -194,10 +250,13 @@ impl Statistics {
 }
 
 /// Tracks rows as they are read, and writes.
-struct Writer<'a> {
+struct Writer<'a, P> {
     out: Option<&'a OutputFile>,
     format: TrackFormat,
-    tracker: Tracker,
+    /// Samples of a line of text.
+    every: u64,
+    is_described: bool,
+    push: P,
     /// `Some` once the link is open.
     output: Option<OutputWriter>,
     /// The first failure of writing.
@@ -205,7 +264,7 @@ struct Writer<'a> {
     statistics: Statistics,
 }
 
-impl Writer<'_> {
+impl<P> Writer<'_, P> {
     fn log_events(&mut self, track: &Track) {
         for event in &track.events {
             match event {
@@ -226,12 +285,12 @@ impl Writer<'_> {
     }
 }
 
-impl Sink for Writer<'_> {
+impl<R, P: FnMut(&R) -> Option<Track>> Sink<R> for Writer<'_, P> {
     fn opened(&mut self) {
         match OutputWriter::open(self.out) {
             Ok(mut output) => {
                 if self.format == TrackFormat::Csv {
-                    output.buffer.extend_from_slice(track_header().as_bytes());
+                    output.buffer.extend_from_slice(track_header(self.is_described).as_bytes());
                 }
                 self.output = Some(output);
             }
@@ -239,12 +298,14 @@ impl Sink for Writer<'_> {
         }
     }
 
-    fn row(&mut self, row: &ReceivedSample) {
-        let Some(track) = self.tracker.push(row) else { return };
-        if let Some(output) = &mut self.output {
+    fn row(&mut self, row: &R) {
+        let Some(track) = (self.push)(row) else { return };
+        let is_written =
+            self.format != TrackFormat::Text || track.number.is_none_or(|number| number.is_multiple_of(self.every));
+        if let Some(output) = self.output.as_mut().filter(|_| is_written) {
             write_track(self.format, &track, &mut output.buffer);
             if output.buffer.len() >= BUFFER {
-                self.flush();
+                Sink::<R>::flush(self);
             }
         }
         self.log_events(&track);

@@ -7,14 +7,15 @@ use std::thread::{self, sleep};
 use std::time::Duration;
 
 use clap::Args;
-use geu_recording::{Defect, ReceivedSample, ReferenceAttitude, Sink};
-use geu_watch::{FALSE_ALARM_INTERVAL_DAYS, Monitor, THRESHOLD};
+use geu_recording::{Decode, Defect, InputReader, ReferenceAttitude, Sink};
+use geu_watch::{DeviceMonitor, Event, FALSE_ALARM_INTERVAL_DAYS, Monitor, THRESHOLD};
 use serde_json::Value;
 use ureq::http::Method;
 
 use crate::command_error::{CommandError, note, say};
 use crate::control_client::ControlClient;
 use crate::decode::{InputArgs, note_elsewhere};
+use crate::device::verify_link;
 use crate::running;
 use crate::settings::{ConfigArgs, NamedConfigArgs};
 use crate::token::Token;
@@ -37,6 +38,9 @@ pub struct Arguments {
     link: String,
     #[command(flatten)]
     unit: NamedConfigArgs,
+    /// Name or description of another unit than the default one (`geu device list`); it needs a reference
+    #[arg(long, value_name = "NAME|FILE")]
+    device: Option<String>,
     /// Reference attitude: reference.csv or a CCSDS attitude ephemeris
     #[arg(long, value_name = "FILE")]
     reference: Option<String>,
@@ -63,7 +67,21 @@ pub struct Arguments {
 /// # Errors
 /// An input cannot be read, standard output cannot be written; with `--strict`, alarms.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
-    let configuration = ConfigArgs::from(&arguments.unit).read()?;
+    let settings = ConfigArgs { device: arguments.device.clone(), ..ConfigArgs::from(&arguments.unit) };
+    let mut configuration = settings.read_of_any()?;
+    // Prescribed rates are of a run, and replace the scenario there; here the unit alone counts.
+    configuration.motion.clear();
+    let device = &configuration.device;
+    if !device.is_iras() {
+        verify_link(device)?;
+        let wrong = [("--clock", arguments.clock), ("no --reference", arguments.reference.is_none())];
+        if let Some((got, _)) = wrong.into_iter().find(|(_, is_wrong)| *is_wrong) {
+            let name = &device.name;
+            return Err(CommandError::input(format!(
+                "{name}: expected --reference FILE on the time scale of the link, got {got}"
+            )));
+        }
+    }
     let reference = arguments.reference.as_ref().map(|name| ReferenceAttitude::read(name));
     let reference = reference.transpose().map_err(CommandError::input)?;
     let control = match arguments.control.as_deref() {
@@ -87,9 +105,28 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         }
     }
     let publisher = emulator.map(Publisher::start);
-    let monitor = Monitor::new(&configuration, reference, arguments.clock);
-    let mut printer = Printer { monitor, publisher, samples: 0, alarms: 0, interruptions: 0, broken: None };
-    let mut reader = arguments.reading.reader(slice::from_ref(&arguments.link))?;
+    let inputs = slice::from_ref(&arguments.link);
+    match reference {
+        Some(reference) if !configuration.device.is_iras() => {
+            let mut monitor = DeviceMonitor::new(&configuration, reference);
+            let reader = arguments.reading.device_reader(inputs, &configuration.device)?;
+            watch(arguments, reader, publisher, |row| monitor.push(row))
+        }
+        reference => {
+            let mut monitor = Monitor::new(&configuration, reference, arguments.clock);
+            watch(arguments, arguments.reading.reader(inputs)?, publisher, |row| monitor.push(row))
+        }
+    }
+}
+
+/// Watches the rows of the link.
+fn watch<D: Decode>(
+    arguments: &Arguments,
+    mut reader: InputReader<D>,
+    publisher: Option<Publisher>,
+    push: impl FnMut(&D::Row) -> Vec<Event>,
+) -> Result<(), CommandError> {
+    let mut printer = Printer { push, publisher, samples: 0, alarms: 0, interruptions: 0, broken: None };
     let result = reader.read(&arguments.link, &mut printer);
     let (summary, ending) = reader.finish(&mut printer);
     if let Some(failure) = printer.broken.take() {
@@ -113,8 +150,8 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
 }
 
 /// Prints events as they happen.
-struct Printer {
-    monitor: Monitor,
+struct Printer<P> {
+    push: P,
     publisher: Option<Publisher>,
     samples: u64,
     alarms: u64,
@@ -122,10 +159,10 @@ struct Printer {
     broken: Option<CommandError>,
 }
 
-impl Sink for Printer {
-    fn row(&mut self, row: &ReceivedSample) {
+impl<R, P: FnMut(&R) -> Vec<Event>> Sink<R> for Printer<P> {
+    fn row(&mut self, row: &R) {
         self.samples += 1;
-        for event in self.monitor.push(row) {
+        for event in (self.push)(row) {
             self.alarms += u64::from(event.event == "alarm");
             self.interruptions += u64::from(event.event == "interruption");
             let event = event.json();

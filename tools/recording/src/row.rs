@@ -42,6 +42,15 @@ pub struct DeviceSample {
     pub values: Vec<f64>,
 }
 
+impl DeviceSample {
+    /// The time, else that of the number at this interval.
+    #[inline]
+    pub fn time_or_number(&self, interval_s: f64) -> Timestamp {
+        let t_ns = || (self.number as f64 * interval_s * 1e9).round() as i64;
+        self.time.unwrap_or_else(|| Timestamp { t_ns: t_ns(), digits: 9 })
+    }
+}
+
 /// Receives rows and defects in their order.
 pub trait Sink<R = ReceivedSample> {
     /// Called when an input is open, before its first record.

@@ -1,6 +1,5 @@
 //! Send times of a recording: by time stamps, or by the unit's clock without time stamps.
 
-use geu_model::units::SAMPLE_INTERVAL_NS;
 use geu_protocol::Sample;
 use geu_protocol::field::CLOCK_PER_SAMPLE;
 
@@ -35,17 +34,20 @@ pub struct ReplayClock {
     longest_gap_ns: i64,
     /// The latest time stamp.
     stamp_ns: Option<i64>,
+    /// Sample interval of the unit, ns.
+    interval_ns: i64,
     /// Sequence and clock count reported last.
     clock: Option<(u16, u64)>,
 }
 
 impl ReplayClock {
-    pub fn new(longest_gap_ns: i64) -> ReplayClock {
+    pub fn new(interval_ns: i64, longest_gap_ns: i64) -> ReplayClock {
         ReplayClock {
             recorded_ns: 0,
             played_ns: 0,
             anomalies: TimestampAnomalies::default(),
             is_playing: false,
+            interval_ns,
             longest_gap_ns,
             stamp_ns: None,
             clock: None,
@@ -83,10 +85,10 @@ impl ReplayClock {
         match sample.clock_count.checked_sub(clock_count) {
             Some(0) if steps == 0 => 0,
             Some(cycles) if cycles.is_multiple_of(CLOCK_PER_SAMPLE) && (cycles / CLOCK_PER_SAMPLE) as u16 == steps => {
-                i64::try_from(cycles).unwrap_or(i64::MAX).saturating_mul(1000)
+                i64::try_from(cycles / CLOCK_PER_SAMPLE).unwrap_or(i64::MAX).saturating_mul(self.interval_ns)
             }
             // A restart, or an invalid clock.
-            _ => SAMPLE_INTERVAL_NS,
+            _ => self.interval_ns,
         }
     }
 
@@ -118,11 +120,13 @@ impl ReplayClock {
 
 #[cfg(test)]
 mod tests {
+    use geu_model::units::SAMPLE_INTERVAL_NS;
+
     use super::*;
 
     #[test]
     fn time_advances_by_any_time_stamps() {
-        let mut clock = ReplayClock::new(10_000_000_000);
+        let mut clock = ReplayClock::new(SAMPLE_INTERVAL_NS, 10_000_000_000);
         clock.is_playing = true;
         let mut played = |t_s: f64| {
             let reported = clock.stamp((t_s * 1e9) as i64).is_some();
@@ -142,7 +146,7 @@ mod tests {
 
     #[test]
     fn time_stamps_do_not_exceed_the_largest_time() {
-        let mut clock = ReplayClock::new(i64::MAX);
+        let mut clock = ReplayClock::new(SAMPLE_INTERVAL_NS, i64::MAX);
         clock.is_playing = true;
         for t_s in [0.0, 9.2e9, 0.0, 23_372_036.8, 9.2e9] {
             clock.stamp((t_s * 1e9) as i64);
@@ -157,7 +161,7 @@ mod tests {
             clock_count: samples * CLOCK_PER_SAMPLE,
             ..Sample::default()
         };
-        let mut clock = ReplayClock::new(i64::MAX);
+        let mut clock = ReplayClock::new(SAMPLE_INTERVAL_NS, i64::MAX);
         let mut step = |sequence, samples| {
             let sample = sample(sequence, samples);
             let step_ns = clock.by_clock(&sample);

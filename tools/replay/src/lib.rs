@@ -2,15 +2,18 @@
 
 mod bytes;
 mod clock;
+mod frames;
 mod report;
 mod source;
 #[cfg(test)]
 mod tests;
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use geu_model::device::Device;
 use geu_protocol::CanIdMap;
-use geu_recording::{DecodeSummary, DecoderOptions, InputError, InputReader, Stop};
+use geu_recording::{Decode, DecodeSummary, Decoder, DecoderOptions, DeviceDecoder, InputError, InputReader, Stop};
 
 pub use report::ReplayReport;
 pub use source::ReplaySource;
@@ -21,6 +24,7 @@ pub const QUEUE: usize = 16;
 /// The part of a recording to send.
 #[derive(Debug, Clone)]
 pub struct ReplaySelection {
+    pub device: Arc<Device>,
     pub plan: CanIdMap,
     pub interface: Option<Vec<u8>>,
     pub is_only: bool,
@@ -42,17 +46,13 @@ pub fn read(
     is_loop: bool,
     stop: &AtomicBool,
 ) -> ReadResult {
+    let device = source.device.clone();
     loop {
-        let mut reader = InputReader::new(options.clone(), Stop { flag: Some(stop), deadline: None });
-        let mut result = Ok(());
-        for name in names {
-            result = reader.read(name, &mut source);
-            if result.is_err() || source.is_over() {
-                break;
-            }
-        }
-        let (is_cut, is_stopped) = (source.is_over(), stop.load(Ordering::Relaxed));
-        let (summary, ending) = reader.finish(&mut source);
+        let (is_cut, result, summary, ending) = match device.is_iras() {
+            true => read_once(Decoder::new(options), &mut source, names, options, stop),
+            false => read_once(DeviceDecoder::new(&device, options), &mut source, names, options, stop),
+        };
+        let is_stopped = stop.load(Ordering::Relaxed);
         let has_sent = source.end_pass();
         // A serial recording that is cut before its first frame may have frames.
         let result = if is_cut { result } else { result.and(ending) };
@@ -63,4 +63,25 @@ pub fn read(
             return (source.finish(is_stopped), summary, result);
         }
     }
+}
+
+/// Reads the recordings once. Returns whether the source ended it, its result, and the summary with the end.
+fn read_once<D: Decode>(
+    decoder: D,
+    source: &mut ReplaySource,
+    names: &[String],
+    options: &DecoderOptions,
+    stop: &AtomicBool,
+) -> (bool, Result<(), InputError>, DecodeSummary, Result<(), InputError>) {
+    let mut reader = InputReader::with(decoder, options.clone(), Stop { flag: Some(stop), deadline: None });
+    let mut result = Ok(());
+    for name in names {
+        result = reader.read(name, source);
+        if result.is_err() || source.is_over() {
+            break;
+        }
+    }
+    let is_cut = source.is_over();
+    let (summary, ending) = reader.finish(source);
+    (is_cut, result, summary, ending)
 }

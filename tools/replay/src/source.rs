@@ -1,19 +1,20 @@
 //! From records to items: contents with order and time, and the samples in them. Serial bytes are in `bytes.rs`.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 use std::sync::mpsc::SyncSender;
 
 use geu_daemon::replay::{ReplayItem, ReplayItemKind, TrafficOrigin};
-use geu_model::units::SAMPLE_INTERVAL_NS;
+use geu_model::device::Device;
 use geu_protocol::can::{Assembler, AssemblerEvent, Role};
 use geu_protocol::capture::CaptureRecord;
-use geu_protocol::serial::Deframer;
 use geu_protocol::{CanFrame, Sample};
 use geu_recorder::link_model::WireData;
-use geu_recording::{Defect, ReceivedSample, Sink};
+use geu_recording::{Defect, Sink};
 
 use crate::ReplaySelection;
 use crate::clock::ReplayClock;
+use crate::frames::{Finder, Samples};
 use crate::report::ReplayReport;
 
 /// Items of a batch.
@@ -63,7 +64,10 @@ pub struct ReplaySource {
     /// Number of the first frame that waits, and of the last INCREMENTS.
     first: u64,
     increments: u64,
-    pub(crate) deframer: Deframer,
+    pub(crate) device: Arc<Device>,
+    /// Messages of a described unit.
+    messages: Option<Samples>,
+    pub(crate) finder: Finder,
     /// Bytes that are not yet sent, and the offset of the first.
     pub(crate) bytes: Vec<u8>,
     pub(crate) offset: u64,
@@ -75,8 +79,9 @@ impl ReplaySource {
         sender: SyncSender<Vec<ReplayItem>>,
         begins: SyncSender<()>,
     ) -> ReplaySource {
+        let device = selection.device.clone();
         ReplaySource {
-            clock: ReplayClock::new(selection.longest_gap_ns),
+            clock: ReplayClock::new(device.interval_ns(), selection.longest_gap_ns),
             interface: selection.interface.clone(),
             selection,
             sender,
@@ -97,7 +102,9 @@ impl ReplaySource {
             waiting: VecDeque::new(),
             first: 0,
             increments: 0,
-            deframer: Deframer::default(),
+            messages: messages(&device),
+            finder: Finder::new(&device),
+            device,
             bytes: Vec::new(),
             offset: 0,
         }
@@ -121,6 +128,7 @@ impl ReplaySource {
             self.select_interface(interface.clone());
         }
         self.assembler = Assembler::default();
+        self.messages = messages(&self.device);
         self.send_waiting(0);
         self.end_bytes();
         self.report.length_ns = self.report.length_ns.max(self.clock.recorded_ns);
@@ -129,8 +137,9 @@ impl ReplaySource {
         self.interface = self.selection.interface.clone();
         self.is_after = false;
         if let Some((first_ns, last_ns)) = span_ns {
-            self.passed_ns = self.passed_ns.saturating_add(last_ns - first_ns).saturating_add(SAMPLE_INTERVAL_NS);
-            let next_ns = self.last_sample_ns.saturating_add(SAMPLE_INTERVAL_NS);
+            self.passed_ns =
+                self.passed_ns.saturating_add(last_ns - first_ns).saturating_add(self.device.interval_ns());
+            let next_ns = self.last_sample_ns.saturating_add(self.device.interval_ns());
             self.clock.played_ns = self.clock.played_ns.max(next_ns);
         }
         // The reader refuses an input without any frame.
@@ -181,10 +190,11 @@ impl ReplaySource {
         self.span_ns.get_or_insert((recorded_ns, recorded_ns)).1 = recorded_ns;
         let (carries_frames, carries_bytes) = self.selection.carries;
         self.is_carried |= match &what {
-            ReplayItemKind::Sample { .. } => {
+            ReplayItemKind::Sample { is_can, .. } => {
                 self.last_sample_ns = self.clock.played_ns;
                 self.has_sample = true;
-                true
+                // The other encoding is made anew, of the default unit alone.
+                self.device.is_iras() || if *is_can { carries_frames } else { carries_bytes }
             }
             ReplayItemKind::Content(WireData::Frame(_), _) => carries_frames,
             ReplayItemKind::Content(WireData::Bytes(_), _) => carries_bytes,
@@ -211,7 +221,14 @@ impl ReplaySource {
         self.interface = Some(interface);
     }
 
-    fn push(&mut self, waiting: Waiting) {
+    fn push(&mut self, mut waiting: Waiting) {
+        if let Some(messages) = &mut self.messages {
+            if waiting.role != Role::Other {
+                (waiting.begins, waiting.is_complete) = messages.begin(&waiting.frame);
+            }
+            self.waiting.push_back(waiting);
+            return self.send_waiting(0);
+        }
         let number = self.first + self.waiting.len() as u64;
         let (role, frame) = (waiting.role, waiting.frame);
         self.waiting.push_back(waiting);
@@ -266,19 +283,22 @@ impl ReplaySource {
     }
 }
 
-impl Sink for ReplaySource {
+/// Finds the samples of a described unit in its messages.
+fn messages(device: &Device) -> Option<Samples> {
+    device.can.as_ref().map(|can| Samples::new(&can.frames))
+}
+
+impl<R> Sink<R> for ReplaySource {
     fn record(&mut self, event: &CaptureRecord) {
         self.has_frame = true;
         let classic = match event {
-            CaptureRecord::Frame(frame) if !frame.extended => u16::try_from(frame.id)
-                .ok()
-                .and_then(|id| CanFrame::new(id, frame.data))
-                .map(|classic| (frame, classic)),
-            CaptureRecord::Frame(_)
-            | CaptureRecord::Remote
-            | CaptureRecord::Fd
-            | CaptureRecord::Error
-            | CaptureRecord::Line(_) => None,
+            CaptureRecord::Frame(frame) => match (frame.extended, &self.messages) {
+                (false, _) => u16::try_from(frame.id).ok().and_then(|id| CanFrame::new(id, frame.data)),
+                (true, Some(_)) => CanFrame::extended(frame.id, frame.data),
+                (true, None) => None,
+            }
+            .map(|classic| (frame, classic)),
+            CaptureRecord::Remote | CaptureRecord::Fd | CaptureRecord::Error | CaptureRecord::Line(_) => None,
             CaptureRecord::Broken { .. } => {
                 self.report.broken += 1;
                 return;
@@ -289,7 +309,11 @@ impl Sink for ReplaySource {
             self.report.other_frames += 1;
             return;
         };
-        let role = self.selection.plan.role(frame.id);
+        let role = match &self.messages {
+            Some(messages) if messages.has(frame.id, frame.extended) => Role::Increments,
+            Some(_) => Role::Other,
+            None => self.selection.plan.role(frame.id),
+        };
         let waiting = Waiting {
             frame: classic,
             role,
@@ -315,7 +339,7 @@ impl Sink for ReplaySource {
         self.push_bytes(bytes);
     }
 
-    fn row(&mut self, _row: &ReceivedSample) {}
+    fn row(&mut self, _row: &R) {}
 
     fn defect(&mut self, _defect: &Defect) {}
 

@@ -1,6 +1,8 @@
+use std::sync::Arc;
 use std::sync::mpsc::sync_channel;
 
 use geu_daemon::replay::{ReplayItem, ReplayItemKind, TrafficOrigin};
+use geu_model::device::Device;
 use geu_protocol::CanIdMap;
 use geu_protocol::capture::Format;
 use geu_recorder::link_model::WireData;
@@ -22,10 +24,14 @@ const LOG: &str = "\
 
 /// The items of the log, and the report on it.
 fn items(selection: ReplaySelection) -> (Vec<ReplayItem>, String) {
+    items_of(LOG, selection)
+}
+
+fn items_of(log: &str, selection: ReplaySelection) -> (Vec<ReplayItem>, String) {
     let ((sender, items), (begins, _began)) = (sync_channel(100), sync_channel(1));
     let mut source = ReplaySource::new(selection, sender, begins);
     let mut reader = Format::from_name("candump").expect("a format").reader().expect("a reader");
-    reader.read(LOG.as_bytes(), true, &mut |_, record| source.record(&record));
+    reader.read(log.as_bytes(), true, &mut |_, record| Sink::<()>::record(&mut source, &record));
     source.end_pass();
     let report = source.finish(false).to_string();
     (items.into_iter().flatten().collect(), report)
@@ -34,6 +40,7 @@ fn items(selection: ReplaySelection) -> (Vec<ReplayItem>, String) {
 fn selection() -> ReplaySelection {
     let plan = CanIdMap::default();
     ReplaySelection {
+        device: Device::iras(),
         plan,
         interface: None,
         is_only: false,
@@ -87,4 +94,45 @@ fn time_range_and_the_unit_alone_can_be_selected() {
     assert_eq!(shown(&all), expected);
     let (late, _) = items(ReplaySelection { from_ns: 190_000_000, to_ns: 500_000_000, ..selection() });
     assert_eq!(shown(&late), ["0 1A8 Command", "100 1A9 Unit"]);
+}
+
+#[test]
+fn a_sample_of_a_described_unit_begins_with_its_first_frame() {
+    let device = Arc::new(Device::from_name("mm5.10").expect("a known unit"));
+    let frames = device.frames(true).expect("its messages");
+    let line = |t_ms: u32, kind: usize, sequence: f64| {
+        let mut data = Vec::new();
+        let frame = &frames.frames[kind];
+        let slot = frames.slot(&geu_protocol::layout::Quantity::Sequence);
+        let values: Vec<f64> =
+            (0..frames.values.len()).map(|at| if Some(at) == slot { sequence } else { 0.0 }).collect();
+        frame.write(&values, &mut data);
+        let bytes: String = data.iter().map(|byte| format!("{byte:02X}")).collect();
+        format!("(1.{t_ms:03}000) can0 {:03X}#{bytes}\n", frame.id.expect("an identifier").0)
+    };
+    // The second frame of the second sample is missing; the third has another unit's traffic inside.
+    let log = line(0, 0, 1.0)
+        + &line(1, 1, 1.0)
+        + &line(10, 0, 2.0)
+        + &line(20, 0, 3.0)
+        + "(1.020500) can0 0CF02A80#0102030405060708\n"
+        + &line(21, 1, 3.0);
+    let (all, report) = items_of(&log, ReplaySelection { device: device.clone(), ..selection() });
+    let ids: Vec<u32> = frames.frames.iter().map(|frame| frame.id.expect("an identifier").0).collect();
+    let [first, second] = [ids[0], ids[1]].map(|id| format!("{id:03X} Sample"));
+    assert_eq!(
+        shown(&all),
+        [
+            "0 sample 1".to_owned(),
+            format!("0 {first}"),
+            format!("1000 {second}"),
+            "10000 sample 2".to_owned(),
+            format!("10000 {first}"),
+            "20000 sample 3".to_owned(),
+            format!("20000 {first}"),
+            "20500 CF02A80 Other".to_owned(),
+            format!("21000 {second}"),
+        ],
+        "{report}"
+    );
 }

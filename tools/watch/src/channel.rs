@@ -1,6 +1,7 @@
 //! Alarms of one channel: a gyro against the reference, or the pair GYRZA and GYRZB.
 
 use geu_calibration::noise::ROUNDING_VARIANCE;
+use geu_model::units::SAMPLE_INTERVAL_S;
 
 use crate::bank::{Bank, LOOK_SAMPLES, OLDEST_SAMPLES};
 use crate::filter::{Filter, Noise, Step};
@@ -24,6 +25,11 @@ const MIN_WHITE: f64 = 1e-4;
 const WHITES: i32 = 22;
 const WALKS: i32 = 6;
 const RATIO: f64 = 2.0;
+/// Trials for a unit of unknown noise: up to 4000″/√s, and nearer walks after that.
+const UNKNOWN: (i32, i32, f64) = (11, 12, 4.0);
+const NEARER: [f64; 11] = [0.5, 0.7, 1.4, 2.0, 0.84, 1.19, 0.92, 1.09, 0.96, 1.04, 1.0];
+/// Shares of the variance that are tried with each of these walks, for a walk looks like a variance over short times.
+const SHARES: [f64; 4] = [1.0, 0.5, 0.2, 0.0];
 /// Minimum angle walk, arcsec/√s, and drift walk, arcsec/s/√s: 0.3″ in a day and 1″/h in a day, below which no model is right.
 const MIN_ANGLE_WALK: f64 = 1e-3;
 const MIN_DRIFT_WALK: f64 = 1e-6;
@@ -53,6 +59,8 @@ pub struct Channel {
     is_noisy: bool,
     /// True if a pivot clearance was named.
     has_clearance: bool,
+    /// Trials of the noise: of the variance and of the walk, and the ratio of neighbours.
+    trials: (i32, i32, f64),
     /// The largest statistic without an alarm.
     pub largest: f64,
 }
@@ -75,8 +83,14 @@ impl Channel {
             settled: 0,
             is_noisy: false,
             has_clearance: false,
+            trials: (WHITES, WALKS, RATIO),
             largest: 0.0,
         }
+    }
+
+    /// A channel along its first axis, of a unit that may be noisier than configured.
+    pub fn of_unknown_noise(noise: Noise) -> Channel {
+        Channel { trials: UNKNOWN, ..Channel::new(noise, 0) }
     }
 
     /// Adds a sample.
@@ -144,11 +158,20 @@ impl Channel {
     fn start(&mut self) {
         let (mut best, mut noisy) = (None::<Filter>, self.tape.clone());
         noisy.map(Step::of_noisy_reference);
-        for index in 0..WHITES * WALKS {
+        let (whites, walks, ratio) = self.trials;
+        let nearer = if ratio > RATIO { &NEARER[..] } else { &[] };
+        for index in 0..whites * walks + (nearer.len() * SHARES.len()) as i32 {
             let mut noise = self.filter.noise;
-            noise.walks.angle_arcsec_per_sqrt_s *= RATIO.powi(index / WHITES);
-            noise.white = MIN_WHITE * RATIO.powi(index % WHITES);
-            let tape = if noise.white > ROUNDING_VARIANCE { &noisy } else { &self.tape };
+            noise.walks.angle_arcsec_per_sqrt_s *= ratio.powi(index / whites);
+            noise.white = MIN_WHITE * ratio.powi(index % whites);
+            if let (Ok(trial), Some(best)) = (usize::try_from(index - whites * walks), &best) {
+                noise = best.noise;
+                noise.walks.angle_arcsec_per_sqrt_s *= nearer[trial / SHARES.len()];
+                noise.white = (noise.white * SHARES[trial % SHARES.len()]).max(MIN_WHITE);
+            }
+            // The noise of a gyro would look like a signature in its own counts.
+            let is_noisy = noise.white > ROUNDING_VARIANCE && nearer.is_empty();
+            let tape = if is_noisy { &noisy } else { &self.tape };
             let filter = tape.run(Filter::new(noise), 0, |_, _| ());
             // One number more is worth one unit.
             if best.as_ref().is_none_or(|best| filter.log_likelihood > best.log_likelihood + 1.0) {
@@ -156,7 +179,9 @@ impl Channel {
             }
         }
         self.filter = best.unwrap_or_else(|| self.filter.clone());
-        self.is_noisy = self.filter.noise.white > ROUNDING_VARIANCE;
+        let Noise { white, walks, .. } = self.filter.noise;
+        let walked = walks.angle_arcsec_per_sqrt_s.powi(2) * SAMPLE_INTERVAL_S;
+        self.is_noisy = white > ROUNDING_VARIANCE && (nearer.is_empty() || white > walked);
         if self.is_noisy {
             self.tape = noisy;
         }

@@ -1,6 +1,6 @@
 //! Events of a monitor.
 
-use geu_protocol::Gyro;
+use geu_protocol::Gyros;
 use serde_json::{Value, json};
 
 /// An event of the link or of a gyro.
@@ -12,7 +12,7 @@ pub struct Event {
     pub event: &'static str,
     /// The kind of the change, `unknown`, or the kind of the interruption.
     pub code: &'static str,
-    pub gyros: [bool; 4],
+    pub gyros: Gyros,
     /// Chi-square of the best match, or missing samples.
     pub statistic: f64,
     pub threshold: f64,
@@ -21,13 +21,12 @@ pub struct Event {
 impl Event {
     /// The event as one line of JSON.
     pub fn json(&self) -> Value {
-        let gyros: Vec<&str> = Gyro::ALL.into_iter().filter(|&gyro| self.gyros[gyro.index()]).map(Gyro::name).collect();
         let round = |value: f64| (value * 1e3).round() * 1e-3;
         json!({
             "t_s": self.t_s,
             "event": self.event,
             "code": self.code,
-            "gyros": gyros,
+            "gyros": self.gyros.names(),
             "statistic": round(self.statistic),
             "threshold": self.threshold,
         })

@@ -8,10 +8,12 @@
 //! - `channel`: alarms of one channel, and their names;
 //! - `event`: what a monitor reports;
 //! - `reference_model`: the model along the reference;
-//! - `monitor`: from samples to residuals and events.
+//! - `monitor`: from samples to residuals and events;
+//! - `described`: samples of a described unit to nodes of a monitor.
 
 mod bank;
 mod channel;
+mod described;
 mod event;
 mod filter;
 mod interval;
@@ -20,5 +22,6 @@ mod monitor;
 mod reference_model;
 
 pub use channel::{FALSE_ALARM_INTERVAL_DAYS, THRESHOLD};
+pub use described::DeviceMonitor;
 pub use event::Event;
 pub use monitor::Monitor;

@@ -7,13 +7,15 @@ use geu_calibration::counts::{BreakKind, unusable};
 use geu_calibration::noise::RandomWalks;
 use geu_calibration::{GyroSet, PriorCalibration, Transfer};
 use geu_model::Configuration;
+use geu_model::device::MAX_HEADS;
 use geu_model::package::Axes;
 use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::continuity::{Continuity, MAX_MISSING, SequenceStep};
-use geu_protocol::{Gyro, Sample};
+use geu_protocol::{Gyro, Gyros};
 use geu_recording::{ReceivedSample, ReferenceAttitude};
 
 use crate::channel::{Channel, THRESHOLD};
+use crate::described::{DescribedHeads, Heads, default_counts, noises};
 use crate::event::Event;
 use crate::filter::{CLEARANCES, CLEARANCES_ARCSEC, Noise, Step};
 use crate::reference_model::Model;
@@ -21,7 +23,7 @@ use crate::reference_model::Model;
 /// Samples without an interruption after which the next one is reported.
 const QUIET_SAMPLES: u64 = 120;
 /// Gyros of the redundant pair.
-const PAIR: [bool; 4] = [false, false, true, true];
+const PAIR: usize = 0b1100;
 /// Half a count each way: one rounding, and two in the difference of the pair.
 const HALF: f64 = 0.5;
 
@@ -29,9 +31,9 @@ const HALF: f64 = 0.5;
 #[derive(Debug, Clone, Copy, Default)]
 struct Node {
     /// Measured minus modelled counts, or parity, of each channel.
-    residual: [f64; 4],
+    residual: [f64; MAX_HEADS],
     /// Change of the counts with wider pivots, per arcsec.
-    pivot: [[f64; CLEARANCES]; 4],
+    pivot: [[f64; CLEARANCES]; MAX_HEADS],
     turned_control_arcsec: [f64; 3],
 }
 
@@ -41,7 +43,10 @@ pub struct Monitor {
     model: Option<Model>,
     reference: Option<ReferenceAttitude>,
     configuration: Configuration,
-    transfer: Transfer,
+    gyros: Gyros,
+    /// Interval between nodes, s.
+    interval_s: f64,
+    transfer: Heads,
     channels: Vec<Channel>,
     continuity: Continuity,
     uses_clock: bool,
@@ -49,12 +54,12 @@ pub struct Monitor {
     /// Samples since the start, missing ones too.
     node: u64,
     start_s: f64,
-    counts: [f64; 4],
+    counts: [f64; MAX_HEADS],
     /// The end of the sample before.
     last: Node,
     /// Samples since then, and whether counts of a gyro were lost.
     passed: u64,
-    is_new: [bool; 4],
+    is_new: [bool; MAX_HEADS],
     /// Node of the last interruption.
     interrupted: Option<u64>,
     has_ended: bool,
@@ -74,25 +79,46 @@ impl Monitor {
                 vec![Channel::new(Noise { walks: together(&prior.walks), white: 0.0, half: 2.0 * HALF }, 2)]
             }
         };
+        let heads = Heads::Default(Transfer::new(&prior.calibrations, GyroSet::WithZa));
+        Monitor { uses_clock, ..Monitor::from_parts(configuration, reference, heads, channels) }
+    }
+
+    fn from_parts(
+        configuration: &Configuration,
+        reference: Option<ReferenceAttitude>,
+        transfer: Heads,
+        channels: Vec<Channel>,
+    ) -> Monitor {
         Monitor {
             model: None,
             reference,
             configuration: configuration.clone(),
-            transfer: Transfer::new(&prior.calibrations, GyroSet::WithZa),
+            gyros: configuration.device.all_gyros(),
+            interval_s: configuration.device.interval_s,
+            transfer,
             channels,
             continuity: Continuity::default(),
-            uses_clock,
+            uses_clock: false,
             last_ns: None,
             node: 0,
             start_s: 0.0,
-            counts: [0.0; 4],
+            counts: [0.0; MAX_HEADS],
             last: Node::default(),
             passed: 0,
-            is_new: [true; 4],
+            is_new: [true; MAX_HEADS],
             interrupted: None,
             has_ended: false,
             events: Vec::new(),
         }
+    }
+
+    /// A monitor of nodes of a described unit, each of `samples`, along a reference.
+    pub(crate) fn described(configuration: &Configuration, reference: ReferenceAttitude, samples: u64) -> Monitor {
+        let device = configuration.device.at_nodes(configuration.device.interval_s * samples as f64);
+        let heads = Heads::Described(DescribedHeads::new(configuration, samples));
+        let channels = noises(configuration).into_iter().map(Channel::of_unknown_noise).collect();
+        let configuration = Configuration { device: device.into(), ..configuration.clone() };
+        Monitor::from_parts(&configuration, Some(reference), heads, channels)
     }
 
     /// The largest statistic of any channel without an alarm.
@@ -113,7 +139,7 @@ impl Monitor {
         let missing = match step {
             SequenceStep::Repeat => return Vec::new(),
             SequenceStep::First => {
-                self.start(now_ns.unwrap_or_default());
+                self.start(now_ns.unwrap_or_default().saturating_sub((SAMPLE_INTERVAL_S * 1e9) as i64));
                 None
             }
             SequenceStep::Next => None,
@@ -124,19 +150,24 @@ impl Monitor {
         };
         if let Some((kind, samples)) = missing {
             self.skip(samples.min(MAX_MISSING));
-            self.interrupt(kind, [true; 4], samples);
+            self.interrupt(kind, self.gyros, samples);
         }
-        let mut broken = [false; 4];
+        let mut broken = self.gyros.with_mask(0);
         for (kind, gyros) in unusable(&sample).into_iter().filter(|(_, gyros)| gyros.contains(&true)) {
-            broken = std::array::from_fn(|gyro| broken[gyro] || gyros[gyro]);
+            let gyros = self.gyros.filter(|gyro| gyros[gyro]);
+            broken = broken.and(gyros);
             self.interrupt(kind, gyros, 1);
         }
-        self.add(&sample, broken);
+        self.add(&sample.increments.map(f64::from), broken);
+        self.take_events()
+    }
+
+    /// The events since the last call.
+    pub(crate) fn take_events(&mut self) -> Vec<Event> {
         std::mem::take(&mut self.events)
     }
 
-    fn start(&mut self, end_ns: i64) {
-        let start_ns = end_ns.saturating_sub((SAMPLE_INTERVAL_S * 1e9) as i64);
+    pub(crate) fn start(&mut self, start_ns: i64) {
         self.start_s = start_ns as f64 * 1e-9;
         self.model = self.reference.take().map(|reference| {
             let since_s = reference.start_ns.saturating_sub(start_ns) as f64 * 1e-9;
@@ -146,16 +177,16 @@ impl Monitor {
     }
 
     fn t_s(&self) -> f64 {
-        self.start_s + self.node as f64 * SAMPLE_INTERVAL_S
+        self.start_s + self.node as f64 * self.interval_s
     }
 
-    fn report(&mut self, event: &'static str, code: &'static str, gyros: [bool; 4], statistic: f64, threshold: f64) {
+    fn report(&mut self, event: &'static str, code: &'static str, gyros: Gyros, statistic: f64, threshold: f64) {
         let t_s = self.t_s();
         self.events.push(Event { t_s, event, code, gyros, statistic, threshold });
     }
 
     /// Reports an interruption, unless one was shortly before.
-    fn interrupt(&mut self, kind: BreakKind, gyros: [bool; 4], samples: u64) {
+    pub(crate) fn interrupt(&mut self, kind: BreakKind, gyros: Gyros, samples: u64) {
         let code = match kind {
             BreakKind::Gap(_) => "lost-samples",
             BreakKind::Jump | BreakKind::TimeJump => "jump",
@@ -171,51 +202,55 @@ impl Monitor {
     }
 
     /// Goes past missing samples.
-    fn skip(&mut self, samples: u64) {
+    pub(crate) fn skip(&mut self, samples: u64) {
         if let Some(model) = &mut self.model {
             model.end_samples(samples);
         }
         self.node += samples;
         self.passed += samples;
-        self.is_new = [true; 4];
+        self.is_new = [true; MAX_HEADS];
     }
 
-    fn add(&mut self, sample: &Sample, broken: [bool; 4]) {
+    /// Adds the counts of a node; `broken` gyros have no valid ones.
+    pub(crate) fn add(&mut self, counts: &[f64], broken: Gyros) {
         if let Some(model) = &mut self.model {
             model.end_samples(1);
         }
         self.node += 1;
         self.passed += 1;
-        for (sum, &count) in self.counts.iter_mut().zip(&sample.increments) {
-            *sum += f64::from(count);
+        for (sum, &count) in self.counts.iter_mut().zip(counts) {
+            *sum += count;
         }
         let is_covered = self.is_covered();
-        let end_s = self.node as f64 * SAMPLE_INTERVAL_S;
+        let end_s = self.node as f64 * self.interval_s;
         let is_at_row = self.model.as_mut().is_none_or(|model| model.is_at_row(end_s));
         let node = self.read();
         let turned: [f64; 3] =
             std::array::from_fn(|axis| node.turned_control_arcsec[axis] - self.last.turned_control_arcsec[axis]);
         let samples = self.passed as f64;
-        let counts = sample.increments.map(f64::from);
-        let counted = self.transfer.about_control_arcsec(counts, samples);
+        let counted = self.transfer.about_control_arcsec(counts, samples).unwrap_or(turned);
         (self.last, self.passed) = (node, 0);
         let is_pair = self.model.is_none();
         for index in 0..self.channels.len() {
             let is_broken = !is_covered || if is_pair { broken[2] || broken[3] } else { broken[index] };
-            let own = if is_pair { [0.0, 0.0, 1.0] } else { Axes::of(Gyro::ALL[index]).input_control };
+            let own = match &self.transfer {
+                Heads::Described(heads) => heads.axes[index][0],
+                Heads::Default(_) if is_pair => [0.0, 0.0, 1.0],
+                Heads::Default(_) => Axes::of(Gyro::ALL[index]).input_control,
+            };
             let about: f64 = (0..3).map(|axis| own[axis] * turned[axis]).sum();
             let step = Step {
                 residual: (!is_broken && is_at_row).then_some(node.residual[index]),
-                samples,
+                samples: samples * (self.interval_s / SAMPLE_INTERVAL_S),
                 is_new: self.is_new[index],
-                turned,
-                counted,
+                turned: self.transfer.in_channel(index, turned),
+                counted: self.transfer.in_channel(index, counted),
                 pivot: node.pivot[index],
-                rate: about / (samples * SAMPLE_INTERVAL_S),
+                rate: about / (samples * self.interval_s),
             };
             self.is_new[index] = is_broken || self.is_new[index] && !is_at_row;
             if let Some(change) = self.channels[index].push(&step) {
-                let gyros = if is_pair { PAIR } else { std::array::from_fn(|gyro| gyro == index) };
+                let gyros = if is_pair { self.gyros.with_mask(PAIR) } else { self.gyros.only(index) };
                 self.report(change.event, change.code, gyros, change.statistic, THRESHOLD);
             }
             if let (Some(model), Some(clearance)) = (&mut self.model, self.channels[index].clearance_arcsec(&step)) {
@@ -228,16 +263,26 @@ impl Monitor {
     fn read(&mut self) -> Node {
         let samples = self.node as f64;
         let Some(model) = &mut self.model else {
-            let parity = self.transfer.redundancy_arcsec(self.counts, samples);
-            let turned_control_arcsec = self.transfer.about_control_arcsec(self.counts, samples);
-            return Node { residual: [parity; 4], turned_control_arcsec, ..Node::default() };
+            let Heads::Default(transfer) = &self.transfer else { return Node::default() };
+            let counts = default_counts(&self.counts);
+            let parity = transfer.redundancy_arcsec(counts, samples);
+            let turned_control_arcsec = transfer.about_control_arcsec(counts, samples);
+            return Node { residual: [parity; MAX_HEADS], turned_control_arcsec, ..Node::default() };
         };
         let modelled: Vec<f64> = model.unit.accumulated_counts().collect();
-        let wider = model.wider.each_ref().map(|unit| unit.accumulated_counts().collect::<Vec<f64>>());
-        let pivot = |gyro: usize, index: usize| (wider[index][gyro] - modelled[gyro]) / CLEARANCES_ARCSEC[index];
-        let (turned_control_arcsec, _) = model.truth.at(samples * SAMPLE_INTERVAL_S, &mut model.near);
+        let wider: Vec<Vec<f64>> = model.wider.iter().map(|unit| unit.accumulated_counts().collect()).collect();
+        let pivot = |gyro: usize, index: usize| match (
+            wider.get(index).and_then(|wider| wider.get(gyro)),
+            modelled.get(gyro),
+        ) {
+            (Some(wider), Some(modelled)) => (wider - modelled) / CLEARANCES_ARCSEC[index],
+            _ => 0.0,
+        };
+        let (turned_control_arcsec, _) = model.truth.at(samples * self.interval_s, &mut model.near);
         Node {
-            residual: std::array::from_fn(|gyro| self.counts[gyro] - modelled[gyro]),
+            residual: std::array::from_fn(|gyro| {
+                modelled.get(gyro).map_or(0.0, |modelled| self.counts[gyro] - modelled)
+            }),
             pivot: std::array::from_fn(|gyro| std::array::from_fn(|index| pivot(gyro, index))),
             turned_control_arcsec,
         }
@@ -246,11 +291,11 @@ impl Monitor {
     /// True if the motion of the sample is known.
     fn is_covered(&mut self) -> bool {
         let Some(model) = &mut self.model else { return true };
-        let end_s = self.node as f64 * SAMPLE_INTERVAL_S;
-        let (is_covered, is_over) = (model.covers(end_s), end_s > model.truth.end_s() + SAMPLE_INTERVAL_S);
+        let end_s = self.node as f64 * self.interval_s;
+        let (is_covered, is_over) = (model.covers(end_s), end_s > model.truth.end_s() + self.interval_s);
         if is_over && !self.has_ended {
             self.has_ended = true;
-            self.report("reference-end", "reference", [true; 4], 0.0, 0.0);
+            self.report("reference-end", "reference", self.gyros, 0.0, 0.0);
         }
         is_covered
     }
@@ -270,6 +315,7 @@ fn together(walks: &[RandomWalks; 4]) -> RandomWalks {
 mod tests {
     use geu_model::attitude::{AttitudeRow, RecordedAttitude};
     use geu_model::{GyroUnit, Truth};
+    use geu_protocol::Sample;
     use geu_protocol::capture::Timestamp;
 
     use super::*;
@@ -305,7 +351,7 @@ mod tests {
     fn a_drift_step_is_one_alarm_on_its_gyro_and_gets_its_name() {
         let step = ["gyro.GYRY.drift-step.arcsec_per_h=60", "gyro.GYRY.drift-step.time_s=10000"];
         let events: Vec<_> = watch(&step).into_iter().filter(|event| event.event != "interruption").collect();
-        assert!(events.iter().all(|event| event.gyros == [false, true, false, false]), "{events:?}");
+        assert!(events.iter().all(|event| event.gyros == Gyros::ALL.only(1)), "{events:?}");
         assert_eq!(events.iter().filter(|event| event.event == "alarm").count(), 1, "{events:?}");
         assert!((10_000.0..10_300.0).contains(&events[0].t_s), "{events:?}");
         let said: Vec<_> = events.iter().map(|event| (event.event, event.code)).collect();

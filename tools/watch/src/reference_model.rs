@@ -1,10 +1,9 @@
 //! The model along the reference, sample by sample.
 
 use geu_model::attitude::RecordedAttitude;
-use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_model::{Configuration, GyroUnit, Truth};
 
-use crate::filter::{CLEARANCES, CLEARANCES_ARCSEC};
+use crate::filter::CLEARANCES_ARCSEC;
 
 /// Mean distance of a reference's rows, in samples, from which they are sparse.
 const SPARSE: f64 = 1.5;
@@ -13,10 +12,12 @@ const SPARSE: f64 = 1.5;
 #[derive(Debug)]
 pub struct Model {
     pub unit: GyroUnit,
-    /// Units with wider pivots.
-    pub wider: [GyroUnit; CLEARANCES],
+    /// Units with wider pivots, by each of [`CLEARANCES_ARCSEC`]; empty for a described unit.
+    pub wider: Vec<GyroUnit>,
     pub truth: RecordedAttitude,
     pub near: usize,
+    /// Sample interval, s.
+    interval_s: f64,
     /// Gaps of the reference that are not yet over, the next one last.
     gaps_s: Vec<[f64; 2]>,
     /// Times of its rows that are not yet over, the next one last; empty if they are as dense as samples.
@@ -28,25 +29,27 @@ impl Model {
         let nominal = configuration.without_noise();
         let recorded = Truth::Recorded(truth.clone().into());
         let unit = GyroUnit::on(&nominal, &recorded);
-        let wider = CLEARANCES_ARCSEC.map(|by_arcsec| {
+        let interval_s = configuration.device.interval_s;
+        let wider = CLEARANCES_ARCSEC.into_iter().filter(|_| configuration.device.is_iras()).map(|by_arcsec| {
             let mut wider = nominal.clone();
             for gyro in &mut wider.gyros {
                 gyro.effects.constant.pivot_clearance.clearance_arcsec += by_arcsec;
             }
             GyroUnit::on(&wider, &recorded)
         });
+        let wider = wider.collect();
         let gaps_s = truth.gaps_s().into_iter().rev().collect();
         let mut rows_s: Vec<f64> = truth.rows().map(|(t_s, _)| t_s).collect();
         rows_s.reverse();
-        if rows_s[0] - rows_s[rows_s.len() - 1] < SPARSE * SAMPLE_INTERVAL_S * rows_s.len() as f64 {
+        if rows_s[0] - rows_s[rows_s.len() - 1] < SPARSE * interval_s * rows_s.len() as f64 {
             rows_s.clear();
         }
-        Model { unit, wider, truth, near: 0, gaps_s, rows_s }
+        Model { unit, wider, truth, near: 0, interval_s, gaps_s, rows_s }
     }
 
     /// Ends samples; none beyond the reference, so that no link can ask for more.
     pub fn end_samples(&mut self, samples: u64) {
-        let left = (self.truth.end_s() / SAMPLE_INTERVAL_S) as u64 + 1;
+        let left = (self.truth.end_s() / self.interval_s) as u64 + 1;
         for _ in 0..samples.min(left.saturating_sub(self.unit.ended())) {
             self.unit.end_sample();
             self.wider.iter_mut().for_each(|wider| {
@@ -67,7 +70,7 @@ impl Model {
 
     /// True if the reference has the motion of the sample that ends then.
     pub fn covers(&mut self, end_s: f64) -> bool {
-        let start_s = end_s - SAMPLE_INTERVAL_S;
+        let start_s = end_s - self.interval_s;
         while self.gaps_s.last().is_some_and(|gap| gap[1] <= start_s) {
             self.gaps_s.pop();
         }
@@ -79,10 +82,11 @@ impl Model {
     /// True if the sample that ends then is the nearest to a row, where rows are sparse: each counts once, for its errors reach to its
     /// neighbours.
     pub fn is_at_row(&mut self, end_s: f64) -> bool {
-        let is_over = |row_s: &f64| *row_s < end_s - 0.5 * SAMPLE_INTERVAL_S;
+        let interval_s = self.interval_s;
+        let is_over = |row_s: &f64| *row_s < end_s - 0.5 * interval_s;
         while self.rows_s.len() > 1 && self.rows_s.last().is_some_and(is_over) {
             self.rows_s.pop();
         }
-        self.rows_s.last().is_none_or(|row_s| *row_s < end_s + 0.5 * SAMPLE_INTERVAL_S)
+        self.rows_s.last().is_none_or(|row_s| *row_s < end_s + 0.5 * self.interval_s)
     }
 }

@@ -3,6 +3,7 @@
 use std::pin::Pin;
 use std::sync::Arc;
 
+use geu_protocol::Gyros;
 use serde_json::{Map, Value};
 use tokio::sync::broadcast;
 
@@ -23,6 +24,10 @@ pub trait ControlBackend: Send + Sync + 'static {
     fn status(&self) -> Value;
     /// Parameters, faults and commands, with at least `parameters`. Constant during a run.
     fn catalogue(&self) -> Value;
+    /// All gyros of the unit.
+    fn gyros(&self) -> Gyros {
+        Gyros::ALL
+    }
     /// Fields of the frames of a sample. Constant during a run.
     fn layout(&self) -> Value {
         protocol_json::layout()

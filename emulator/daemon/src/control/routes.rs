@@ -224,7 +224,7 @@ async fn command(State(state): Shared, request: Request) -> ApiResult {
 
 async fn add_watch_event(State(state): Shared, request: Request) -> ApiResult {
     let event = object(&read_body(request, watch::MAX_BODY).await?)?;
-    watch::check(&event).map_err(bad_request)?;
+    watch::check(&event, state.backend.gyros()).map_err(bad_request)?;
     if !state.watch.accepts(Instant::now()) {
         let message = format!("expected at most {} events per second, got more; try again later", watch::RATE_HZ);
         return Err(ApiError(StatusCode::TOO_MANY_REQUESTS, message));

@@ -3,7 +3,7 @@
 use std::sync::Mutex;
 use std::time::Instant;
 
-use geu_protocol::Gyro;
+use geu_protocol::Gyros;
 use geu_protocol::excerpt::excerpt;
 use geu_protocol::suggestion::listed;
 use serde_json::{Map, Value};
@@ -24,7 +24,7 @@ const KEYS: [Key; 6] = [
         ["alarm", "named", "interruption", "reference-end"].iter().any(|event| value == event)
     }),
     ("code", "1 to 64 characters a-z, 0-9 and -", |value| value.as_str().is_some_and(is_code)),
-    ("gyros", "a list of GYRX, GYRY, GYRZA and GYRZB, each at most once", are_gyros),
+    ("gyros", "a list", Value::is_array),
     ("statistic", "a number", Value::is_number),
     ("threshold", "a number", Value::is_number),
 ];
@@ -33,21 +33,31 @@ fn is_code(code: &str) -> bool {
     (1..=64).contains(&code.len()) && code.bytes().all(|byte| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'-'))
 }
 
-fn are_gyros(value: &Value) -> bool {
-    let has = |gyros: &[Value], gyro: Gyro| gyros.iter().any(|name| name == gyro.name());
+fn are_gyros(value: &Value, unit: Gyros) -> bool {
     // A name that is no gyro's, or a repeated one, makes the list longer than the gyros in it.
-    value.as_array().is_some_and(|gyros| gyros.len() == Gyro::ALL.into_iter().filter(|&gyro| has(gyros, gyro)).count())
+    let has = |gyros: &[Value]| unit.names().into_iter().filter(|name| gyros.iter().any(|own| own == name)).count();
+    value.as_array().is_some_and(|gyros| gyros.len() == has(gyros))
 }
 
-/// Checks an event, a line of the output of `geu watch`.
-pub(super) fn check(event: &Map<String, Value>) -> Result<(), String> {
+/// Checks an event, a line of the output of `geu watch`, on a unit of these gyros.
+pub(super) fn check(event: &Map<String, Value>, unit: Gyros) -> Result<(), String> {
     if let Some(other) = event.keys().find(|key| KEYS.iter().all(|(known, ..)| known != key)) {
         return Err(format!("expected the keys {}, got {:?}", listed(KEYS.map(|(key, ..)| key)), excerpt(other)));
     }
-    let invalid = KEYS.iter().find(|(key, _, is_valid)| !event.get(*key).is_some_and(is_valid));
-    invalid.map_or(Ok(()), |(key, expected, _)| {
+    let is_wrong = |(key, _, is_valid): &&Key| {
+        !event.get(*key).is_some_and(|value| is_valid(value) && (*key != "gyros" || are_gyros(value, unit)))
+    };
+    KEYS.iter().find(is_wrong).map_or(Ok(()), |(key, expected, _)| {
         let got = event.get(*key).map_or("none".to_owned(), Value::to_string);
-        Err(format!("{key}: expected {expected}, got {}", excerpt(&got)))
+        let names = unit.names();
+        let names = match names.split_last() {
+            Some((last, others)) if *key == "gyros" && !others.is_empty() => {
+                format!(" of {} and {last}, each at most once", others.join(", "))
+            }
+            Some((last, _)) if *key == "gyros" => format!(" of {last}"),
+            _ => String::new(),
+        };
+        Err(format!("{key}: expected {expected}{names}, got {}", excerpt(&got)))
     })
 }
 

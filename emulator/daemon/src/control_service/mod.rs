@@ -22,6 +22,7 @@ use geu_model::configuration::fault::{MAX_FAULTS, read_fault_text, read_plan_tex
 use geu_model::device::Device;
 use geu_model::fault::engine::FaultStatus;
 use geu_model::fault::{Fault, unsatisfiable_condition};
+use geu_protocol::Gyros;
 use geu_protocol::suggestion::{did_you_mean, listed};
 use serde_json::{Map, Value, json};
 use tokio::sync::broadcast;
@@ -172,6 +173,10 @@ impl ControlService {
 }
 
 impl ControlBackend for ControlService {
+    fn gyros(&self) -> Gyros {
+        self.source().unit.device.all_gyros()
+    }
+
     fn status(&self) -> Value {
         let source = self.source();
         let mut status = lock(&self.last).clone();

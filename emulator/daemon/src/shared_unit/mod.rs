@@ -95,8 +95,8 @@ impl SharedUnit {
     }
 
     /// A replayed recording in place of a unit.
-    pub fn replay(speed: Speed) -> SharedUnit {
-        let shared = SharedUnit::new(&Configuration::reference(), &Truth::Scenario, speed, None, None);
+    pub fn replay(configuration: &Configuration, speed: Speed) -> SharedUnit {
+        let shared = SharedUnit::new(configuration, &Truth::Scenario, speed, None, None);
         SharedUnit { is_replay: true, ..shared }
     }
 

@@ -9,6 +9,7 @@ use geu_protocol::continuity::MAX_MISSING;
 use geu_protocol::layout::Quantity;
 use geu_recording::{Defect, DeviceSample, Sink};
 
+use super::head_reader::{HeadAngles, HeadReader, MISSING, slots};
 use super::reader::NodeReader;
 use super::{AccumulatedCounts, BreakKind, Discontinuity};
 
@@ -21,10 +22,6 @@ const MAX_RUNS: usize = 10_000;
 /// A sample farther from its neighbours, in mean departures, is an outlier; and the samples from which the mean is known.
 const OUTLIER: f64 = 25.0;
 const SETTLED: u64 = 100;
-/// Relative difference of a clipped sample from the range of the description. A larger sample was not clipped there: it is in another unit.
-const SAME: f64 = 1e-6;
-/// Distance of rows, in nominal intervals, from which samples are missing between them.
-const MISSING: f64 = 0.5;
 /// Temperature of a unit that sends none, °C.
 const UNKNOWN_C: f64 = 20.0;
 
@@ -87,28 +84,15 @@ struct Recent {
 /// Accumulates the samples of a described unit.
 #[derive(Debug)]
 pub struct DeviceCountsReader {
-    /// Slot of each head's output, and its angle over the nominal interval, arcsec per unit.
-    heads: Vec<(usize, f64)>,
-    /// Slots that state the validity of a head: slot, head, the value that excludes it, and the reason.
-    flags: Vec<(usize, usize, f64, BreakKind)>,
-    /// Size of a clipped sample of each head, arcsec.
-    clipped_arcsec: Vec<std::ops::Range<f64>>,
+    heads: HeadReader,
     /// Slots of the temperatures of the electronics, of a sensor and of the heads.
     celsius: [Vec<usize>; 3],
-    is_rate: bool,
-    is_table: bool,
-    interval_s: f64,
     nodes: NodeReader,
     per_node: usize,
     /// Angle since the last node, arcsec.
     since: Vec<f64>,
     /// Coning since then, arcsec².
     coning: Vec<Vec<f64>>,
-    /// Start of the first sample interval, ns, and number of the first sample.
-    first: Option<(Option<i64>, u64)>,
-    /// End of the last sample, in nominal samples since that start.
-    end: f64,
-    group: String,
     /// Reasons of breaks in the node to come, with the node before them.
     pending: Vec<(usize, Gyros, BreakKind)>,
     recent: Vec<Recent>,
@@ -128,76 +112,27 @@ struct Extras {
 
 impl DeviceCountsReader {
     pub fn new(device: &Device) -> DeviceCountsReader {
-        let slots = |wanted: &dyn Fn(&Quantity) -> bool| {
-            let all = device.values().iter().enumerate();
-            all.filter(|(_, value)| wanted(&value.quantity)).map(|(slot, _)| slot).collect::<Vec<_>>()
-        };
-        let head = |head: usize| {
-            let slot = slots(&|quantity| *quantity == Quantity::Output(head))[0];
-            (slot, device.arcsec_per_unit(&device.values()[slot]))
-        };
-        let flag = |(slot, value): (usize, &geu_protocol::layout::ValueSpec)| match value.quantity {
-            Quantity::Valid(head) => Some((slot, head, 0.0, BreakKind::Invalid)),
-            Quantity::Saturated(head) => Some((slot, head, 1.0, BreakKind::Saturated)),
-            _ => None,
-        };
         let gyros = device.all_gyros();
         let mut counts = AccumulatedCounts::of_unit(gyros, device.interval_s, 0);
         for (rounded_to, head) in counts.rounded_to.iter_mut().zip(&device.heads) {
             let is_rounded = head.is_rounded && device.output == Output::Increment;
             *rounded_to = if is_rounded { head.count_arcsec } else { 0.0 };
         }
-        let range_arcsec = device.range_arcsec_s * device.interval_s;
-        // Clipped to a whole count.
-        let clipped_arcsec = |head: &geu_model::device::Head| {
-            let off_arcsec = SAME * range_arcsec + if head.is_rounded { 0.5 * head.count_arcsec } else { 0.0 };
-            range_arcsec - off_arcsec..range_arcsec + off_arcsec
-        };
-        let clipped_arcsec = device.heads.iter().map(clipped_arcsec).collect();
         DeviceCountsReader {
-            heads: (0..gyros.heads()).map(head).collect(),
-            flags: device.values().iter().enumerate().filter_map(flag).collect(),
-            clipped_arcsec,
+            heads: HeadReader::new(device),
             celsius: [
-                slots(&|quantity| *quantity == Quantity::Electronics),
-                slots(&|quantity| *quantity == Quantity::Sensor),
-                slots(&|quantity| matches!(quantity, Quantity::Temperature(_))),
+                slots(device, &|quantity| *quantity == Quantity::Electronics),
+                slots(device, &|quantity| *quantity == Quantity::Sensor),
+                slots(device, &|quantity| matches!(quantity, Quantity::Temperature(_))),
             ],
-            is_rate: device.output == Output::Rate,
-            is_table: device.table.is_some() && device.serial.is_none() && device.can.is_none(),
-            interval_s: device.interval_s,
             nodes: NodeReader::new(counts),
             per_node: 1,
             since: vec![0.0; gyros.heads()],
             coning: vec![vec![0.0; gyros.heads()]; gyros.heads()],
-            first: None,
-            end: 0.0,
-            group: String::new(),
             pending: Vec::new(),
             recent: vec![Recent::default(); gyros.heads()],
             recording: Extras { outliers: vec![0; gyros.heads()], ..Extras::default() },
         }
-    }
-
-    /// Start and end of a row, in nominal samples since the start of the first; `None` for a repeated row.
-    fn place(&mut self, row: &DeviceSample) -> Option<(f64, f64)> {
-        let interval_ns = self.interval_s * 1e9;
-        let end_ns = row.time.map(|time| time.t_ns);
-        let row_start_ns =
-            row.start.map(|time| time.t_ns).or(end_ns.map(|end_ns| end_ns.saturating_sub(interval_ns as i64)));
-        let (start_ns, number) = *self.first.get_or_insert((row_start_ns, row.number));
-        let (from, to) = match (self.is_table, start_ns, end_ns, row_start_ns) {
-            (true, Some(start_ns), Some(end_ns), Some(row_start_ns)) => {
-                let [from, to] = [row_start_ns, end_ns].map(|t_ns| t_ns.saturating_sub(start_ns) as f64 / interval_ns);
-                let is_beside = row.start.is_none() && from - self.end < MISSING;
-                (if is_beside { self.end } else { from.max(self.end) }, to)
-            }
-            _ => {
-                let from = row.number.saturating_sub(number) as f64;
-                (from, from + 1.0)
-            }
-        };
-        (to > self.end).then_some((from, to))
     }
 
     /// Notes what excludes gyros of the node to come.
@@ -225,7 +160,7 @@ impl DeviceCountsReader {
             }
             self.push_node(row, (next - to).abs() < 1e-6);
         }
-        self.end = to;
+        self.heads.end = to;
     }
 
     fn push_node(&mut self, row: &DeviceSample, is_end: bool) {
@@ -235,7 +170,7 @@ impl DeviceCountsReader {
         };
         let [electronics, sensor, heads] = self.celsius.each_ref().map(|slots| mean(slots));
         let electronics_c = electronics.or(sensor).or(heads).unwrap_or(UNKNOWN_C);
-        let time = row.time.filter(|_| is_end && !self.is_table).map(|time| (time.t_ns, true));
+        let time = row.time.filter(|_| is_end && !self.heads.is_table).map(|time| (time.t_ns, true));
         self.nodes.push(1, None, &self.since, electronics_c, electronics.and(sensor), time);
         self.nodes.push_coning(&self.coning);
         self.since.fill(0.0);
@@ -244,7 +179,10 @@ impl DeviceCountsReader {
             self.nodes.note(from, gyros, kind);
         }
         let is_even = self.nodes.node.is_multiple_of(2);
-        if self.nodes.node >= MAX_NODES && is_even && 2.0 * self.per_node as f64 * self.interval_s <= MAX_INTERVAL_S {
+        if self.nodes.node >= MAX_NODES
+            && is_even
+            && 2.0 * self.per_node as f64 * self.heads.interval_s <= MAX_INTERVAL_S
+        {
             self.per_node *= 2;
             self.nodes.halve();
             self.recording.constant.iter_mut().for_each(|run| (run.from, run.to) = (run.from / 2, run.to.div_ceil(2)));
@@ -299,12 +237,12 @@ impl DeviceCountsReader {
 
     /// The recording; `None` without a sample. `clock_start_ns` is the start of a recording without receive times.
     pub fn finish(mut self, clock_start_ns: i64) -> Option<DeviceRecording> {
-        let (start_ns, _) = self.first?;
-        for gyro in 0..self.heads.len() {
+        let (start_ns, _) = self.heads.first?;
+        for gyro in 0..self.since.len() {
             self.examine(gyro, f64::NAN);
         }
-        let interval_s = self.interval_s * self.per_node as f64;
-        let start_ns = if self.is_table { start_ns? } else { clock_start_ns };
+        let interval_s = self.heads.interval_s * self.per_node as f64;
+        let start_ns = if self.heads.is_table { start_ns? } else { clock_start_ns };
         let counts = self.nodes.finish_at(interval_s, start_ns)?;
         let Extras { constant, outliers, samples, missing, defects, left_out } = self.recording;
         let nodes = counts.node_s.len() - 1;
@@ -327,18 +265,16 @@ impl DeviceCountsReader {
 
 impl Sink<DeviceSample> for DeviceCountsReader {
     fn row(&mut self, row: &DeviceSample) {
-        if self.first.is_some() && row.group != self.group {
-            // A trial has times of its own; one recording is one trial.
+        if self.heads.is_of_other_trial(row) {
             self.recording.left_out.of_other_trials += 1;
             return;
         }
-        row.group.clone_into(&mut self.group);
-        let Some((from, to)) = self.place(row) else {
+        let Some((from, to)) = self.heads.place(row) else {
             self.recording.left_out.repeated += 1;
             return;
         };
         let all = self.nodes.gyros();
-        let missing = from - self.end;
+        let missing = from - self.heads.end;
         if missing > MISSING {
             let missing = missing.round() as u64;
             if missing > MAX_MISSING - self.recording.missing {
@@ -347,19 +283,11 @@ impl Sink<DeviceSample> for DeviceCountsReader {
             }
             self.recording.missing += missing;
             self.exclude(all, BreakKind::Gap(missing));
-            self.advance(self.end, from, &vec![0.0; self.heads.len()], row);
+            self.advance(self.heads.end, from, &vec![0.0; self.since.len()], row);
             self.exclude(all, BreakKind::Gap(missing));
         }
         self.recording.samples += 1;
-        let length = if self.is_rate && self.is_table { to - from } else { 1.0 };
-        let mut arcsec: Vec<f64> = self.heads.iter().map(|&(slot, arcsec)| row.values[slot] * arcsec).collect();
-        let flagged = |kind: BreakKind| {
-            let own = self.flags.iter().filter(|own| own.3 == kind && row.values[own.0] == own.2);
-            own.fold(all.with_mask(0), |gyros, own| gyros.and(all.only(own.1)))
-        };
-        let invalid = flagged(BreakKind::Invalid).and(all.filter(|gyro| arcsec[gyro].is_nan()));
-        let saturated = flagged(BreakKind::Saturated)
-            .and(all.filter(|gyro| self.clipped_arcsec[gyro].contains(&arcsec[gyro].abs())));
+        let HeadAngles { mut arcsec, invalid, saturated, length } = self.heads.angles(row, (from, to));
         for (gyro, arcsec) in arcsec.iter_mut().enumerate() {
             match arcsec.is_nan() {
                 true => *arcsec = 0.0,

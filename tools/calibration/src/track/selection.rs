@@ -2,7 +2,7 @@
 
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
-use geu_protocol::Gyro;
+use geu_protocol::Gyros;
 
 use crate::counts::BreakKind;
 use crate::parity::{ParityResidual, ParityTest, THRESHOLD_SIGMA};
@@ -39,8 +39,8 @@ pub enum TrackerEvent {
     /// Increments are missing: the attitude lacks the rotation meanwhile.
     Lost {
         kind: BreakKind,
-        /// The affected gyros, in wire order.
-        gyros: [bool; 4],
+        /// The affected gyros.
+        gyros: Gyros,
         /// Another selection whose gyros all measured.
         other: Option<GyroSelection>,
     },
@@ -98,15 +98,14 @@ pub fn gyro_set_name(in_use: GyroSet) -> &'static str {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reason {
     pub kind: BreakKind,
-    /// The affected gyros, in wire order.
-    pub gyros: [bool; 4],
+    /// The affected gyros.
+    pub gyros: Gyros,
 }
 
 impl std::fmt::Display for Reason {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        if self.gyros != [true; 4] {
-            let names = Gyro::ALL.into_iter().filter(|&gyro| self.gyros[gyro.index()]).map(Gyro::name);
-            write!(f, "{}: ", names.collect::<Vec<_>>().join(" and "))?;
+        if !self.gyros.is_all() {
+            write!(f, "{}: ", self.gyros.names().join(" and "))?;
         }
         self.kind.fmt(f)
     }

@@ -21,7 +21,7 @@ use nalgebra::{DVector, Matrix3xX, MatrixXx3, UnitQuaternion, Vector3};
 
 use super::reference_sigma::{ReferenceSigma, with_rounding};
 use super::smoothing::{LineSums, Point, REACH_ROWS, REACHES, SHORT_REACHES, without_rounding};
-use super::turns::{accumulated, attitudes, turn};
+use super::turns::{accumulated, attitudes, coning_about_axes, turn};
 use super::{BLOCK, TIMING, nodes};
 
 /// Spacing of rows up to which an exact reference is used as it is, in intervals of the nodes.
@@ -269,20 +269,6 @@ fn rotation(
         (sum, coning)
     };
     (0..counts.node_s.len()).map(&mut of_node).unzip()
-}
-
-/// Coning in the interval before a node about the control axes, which are those of this inverse: each pair of gyros turns about the axis
-/// perpendicular to both.
-fn coning_about_axes(
-    counts: &AccumulatedCounts,
-    node: usize,
-    inverse: &Matrix3xX<f64>,
-    nominal: &Configuration,
-) -> Vector3<f64> {
-    let axis = |gyro: usize| inverse.column(gyro) * nominal.gyros[gyro].calibration.scale_factor;
-    let pairs = (1..counts.coning.len()).flat_map(|other| (0..other).map(move |one| (one, other)));
-    let of_pair = |(one, other): (usize, usize)| axis(one).cross(&axis(other)) * counts.coning[one][other][node];
-    pairs.map(of_pair).sum::<Vector3<f64>>() / ARCSEC_PER_RAD
 }
 
 /// Rotation from sensed angles by least squares, without broken gyros; `None` if the others do not determine it, or only by their

@@ -1,7 +1,9 @@
 //! Attitudes from accumulated angles, and back.
 
+use geu_calibration::AccumulatedCounts;
+use geu_model::Configuration;
 use geu_model::units::ARCSEC_PER_RAD;
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Matrix3xX, UnitQuaternion, Vector3};
 
 /// The turn by a rotation vector.
 pub fn turn(arcsec: Vector3<f64>) -> UnitQuaternion<f64> {
@@ -27,4 +29,18 @@ pub fn accumulated(attitudes: impl Iterator<Item = UnitQuaternion<f64>>, coning:
         sum
     };
     attitudes.zip(coning).map(of_node).collect()
+}
+
+/// Coning in the interval before a node about the control axes, which are those of this inverse: each pair of gyros turns about the axis
+/// perpendicular to both.
+pub fn coning_about_axes(
+    counts: &AccumulatedCounts,
+    node: usize,
+    inverse: &Matrix3xX<f64>,
+    nominal: &Configuration,
+) -> Vector3<f64> {
+    let axis = |gyro: usize| inverse.column(gyro) * nominal.gyros[gyro].calibration.scale_factor;
+    let pairs = (1..counts.coning.len()).flat_map(|other| (0..other).map(move |one| (one, other)));
+    let of_pair = |(one, other): (usize, usize)| axis(one).cross(&axis(other)) * counts.coning[one][other][node];
+    pairs.map(of_pair).sum::<Vector3<f64>>() / ARCSEC_PER_RAD
 }

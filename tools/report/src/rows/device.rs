@@ -3,7 +3,6 @@
 use std::io::Write;
 
 use geu_model::device::{Device, TableWire};
-use geu_protocol::capture::Timestamp;
 use geu_recording::DeviceSample;
 
 use super::{TextFormat, quote, write_seconds};
@@ -50,10 +49,9 @@ impl DeviceRows {
 
     /// Appends a row with its line end. Without a receive time a sample has that of its number.
     pub fn write(&self, row: &DeviceSample, out: &mut Vec<u8>) {
-        let number = || Timestamp { t_ns: (row.number as f64 * self.interval_s * 1e9).round() as i64, digits: 9 };
         let is_json = self.format == TextFormat::Jsonl;
         out.extend_from_slice(if is_json { b"{\"t_s\":" } else { b"" });
-        write_seconds(row.time.unwrap_or_else(number), out);
+        write_seconds(row.time_or_number(self.interval_s), out);
         out.extend_from_slice(if is_json { b",\"number\":" } else { b"," });
         out.extend_from_slice(itoa::Buffer::new().format(row.number).as_bytes());
         for (name, &value) in self.names.iter().zip(&row.values) {

@@ -34,10 +34,32 @@ pub fn instant(track: &Track) -> String {
 /// A column: name, and cell of a sample, `None` if it is unknown.
 type Column = (&'static str, fn(&Track) -> Option<String>);
 
-/// Columns, in order.
-const COLUMNS: [Column; 22] = [
-    ("t_s", |track| track.time.map(seconds)),
-    ("sequence", |track| Some(track.sample.sequence.to_string())),
+/// Columns of the default unit, in order, before and after [`TURNED`].
+const FIRST: [Column; 2] =
+    [("t_s", |track| track.time.map(seconds)), ("sequence", |track| Some(track.sample.sequence.to_string()))];
+const LAST: [Column; 9] = [
+    ("lost_half_seconds", |track| Some(track.lost_samples.to_string())),
+    ("redundancy_arcsec", |track| track.parity.map(|parity| angle(parity.accumulated.arcsec))),
+    ("redundancy_sigma_arcsec", |track| track.parity.map(|parity| angle(parity.accumulated.sigma_arcsec))),
+    ("redundancy_rate_arcsec_per_h", |track| Some(per_h(track.parity?.window?.arcsec))),
+    ("redundancy_rate_sigma_arcsec_per_h", |track| Some(per_h(track.parity?.window?.sigma_arcsec))),
+    ("gyros", |track| track.in_use.map(|in_use| gyro_set_name(in_use).to_owned())),
+    ("gyro_flags", |track| Some(track.sample.gyro_flags.to_string())),
+    ("unit_flags", |track| Some(track.sample.unit_flags.to_string())),
+    NOTES,
+];
+/// Columns of a described unit, the same.
+const DESCRIBED_FIRST: [Column; 2] = [FIRST[0], ("number", |track| track.number.map(|number| number.to_string()))];
+const DESCRIBED_LAST: [Column; 5] = [
+    ("lost_samples", LAST[0].1),
+    ("redundancy_arcsec", |track| track.residual.map(|(_, arcsec)| angle(arcsec))),
+    ("redundancy_head", |track| track.residual.map(|(head, _)| head.to_owned())),
+    ("heads", |track| track.heads.map(|heads| heads.names().join(" "))),
+    NOTES,
+];
+const NOTES: Column = ("notes", |track| Some(notes(track)).filter(|notes| !notes.is_empty()));
+/// Columns of every unit.
+const TURNED: [Column; 11] = [
     ("increment_x_arcsec", |track| track.increment_control_arcsec.map(|[x, _, _]| angle(x))),
     ("increment_y_arcsec", |track| track.increment_control_arcsec.map(|[_, y, _]| angle(y))),
     ("increment_z_arcsec", |track| track.increment_control_arcsec.map(|[_, _, z]| angle(z))),
@@ -49,22 +71,18 @@ const COLUMNS: [Column; 22] = [
     ("q_y", |track| Some(format!("{:.12}", track.attitude.j))),
     ("q_z", |track| Some(format!("{:.12}", track.attitude.k))),
     ("valid", |track| Some(u8::from(track.is_complete).to_string())),
-    ("lost_half_seconds", |track| Some(track.lost_samples.to_string())),
-    ("redundancy_arcsec", |track| track.parity.map(|parity| angle(parity.accumulated.arcsec))),
-    ("redundancy_sigma_arcsec", |track| track.parity.map(|parity| angle(parity.accumulated.sigma_arcsec))),
-    ("redundancy_rate_arcsec_per_h", |track| Some(per_h(track.parity?.window?.arcsec))),
-    ("redundancy_rate_sigma_arcsec_per_h", |track| Some(per_h(track.parity?.window?.sigma_arcsec))),
-    ("gyros", |track| track.in_use.map(|in_use| gyro_set_name(in_use).to_owned())),
-    ("gyro_flags", |track| Some(track.sample.gyro_flags.to_string())),
-    ("unit_flags", |track| Some(track.sample.unit_flags.to_string())),
-    ("notes", |track| Some(notes(track)).filter(|notes| !notes.is_empty())),
 ];
 /// Columns that hold text.
-const TEXTS: [&str; 2] = ["gyros", "notes"];
+const TEXTS: [&str; 4] = ["gyros", "redundancy_head", "heads", "notes"];
+
+fn columns(is_described: bool) -> impl Iterator<Item = Column> {
+    let (first, last): (_, &[Column]) = if is_described { (DESCRIBED_FIRST, &DESCRIBED_LAST) } else { (FIRST, &LAST) };
+    first.into_iter().chain(TURNED).chain(last.iter().copied())
+}
 
 /// The header of CSV.
-pub fn track_header() -> String {
-    COLUMNS.map(|(name, _)| name).join(",") + "\n"
+pub fn track_header(is_described: bool) -> String {
+    columns(is_described).map(|(name, _)| name).collect::<Vec<_>>().join(",") + "\n"
 }
 
 fn seconds(time: Timestamp) -> String {
@@ -103,6 +121,9 @@ fn text_line(track: &Track) -> String {
     if let Some(checked) = &track.parity {
         let _ = write!(line, "  ZA−ZB {}", track_difference(checked.accumulated));
     }
+    if let Some((head, arcsec)) = track.residual {
+        let _ = write!(line, "  {head} {arcsec:+.2}″");
+    }
     let notes = notes(track);
     if !track.is_complete {
         let _ = write!(line, "  {} lost", track.lost_samples);
@@ -118,11 +139,11 @@ pub fn write_track(format: TrackFormat, track: &Track, out: &mut Vec<u8>) {
     match format {
         TrackFormat::Text => out.extend_from_slice(text_line(track).as_bytes()),
         TrackFormat::Csv => {
-            let cells = COLUMNS.map(|(_, cell)| cell(track).unwrap_or_default());
-            out.extend_from_slice(cells.join(",").as_bytes());
+            let cells = columns(track.number.is_some()).map(|(_, cell)| cell(track).unwrap_or_default());
+            out.extend_from_slice(cells.collect::<Vec<_>>().join(",").as_bytes());
         }
         TrackFormat::Jsonl => {
-            for (index, (name, cell)) in COLUMNS.into_iter().enumerate() {
+            for (index, (name, cell)) in columns(track.number.is_some()).enumerate() {
                 out.push(if index == 0 { b'{' } else { b',' });
                 quote(name, out);
                 out.push(b':');

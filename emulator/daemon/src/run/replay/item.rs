@@ -60,7 +60,7 @@ pub struct ReplayOptions {
     pub wait_for_client: bool,
     /// CAN identifiers of the unit in the recording.
     pub recorded_plan: CanIdMap,
-    /// Faults of links, and expectations; see [`refused`](super::refused).
+    /// The unit; faults of links, and expectations; see [`refused`](super::refused). A described unit has none.
     pub plan: Configuration,
 }
 

@@ -119,7 +119,7 @@ async fn replay_items(
     items: Receiver<Vec<ReplayItem>>,
     steps: Option<Steps>,
 ) -> Result<ReplaySummary, RunError> {
-    let unit = Arc::new(SharedUnit::replay(session.speed));
+    let unit = Arc::new(SharedUnit::replay(&settings.plan, session.speed));
     let links = session.open_links(&settings.links, &unit)?;
     links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.info().statistics.name));
     let statistics: Vec<_> = links.iter().map(|link| link.info().statistics.clone()).collect();

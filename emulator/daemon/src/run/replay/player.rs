@@ -51,6 +51,7 @@ pub(super) struct Player {
     /// Samples that may be sent before the next step.
     allowed: u64,
     recorded_plan: CanIdMap,
+    is_described: bool,
     /// Index of the next sample.
     frame: u64,
     last: Option<Sample>,
@@ -77,6 +78,7 @@ impl Player {
             steps,
             allowed: 0,
             recorded_plan: settings.recorded_plan,
+            is_described: !settings.plan.device.is_iras(),
             frame: 0,
             last: None,
         }
@@ -172,7 +174,10 @@ impl Player {
                 && matches!(steps.try_recv().map(|step| self.allowed += step), Err(TryRecvError::Empty))
             {
                 let (done, sequence) = (self.counts.samples, last.sequence);
-                console::say(format_args!("{done} samples sent, the last of sequence {sequence}"));
+                match self.is_described {
+                    true => console::say(format_args!("{done} samples sent")),
+                    false => console::say(format_args!("{done} samples sent, the last of sequence {sequence}")),
+                }
             }
             while self.allowed == 0 {
                 match steps.recv_timeout(POLL_INTERVAL) {
@@ -206,7 +211,8 @@ impl Player {
             output.queue.put(Vec::new(), frame, item.played_ns);
             let waits = output.queue.is_within_frame()
                 || output.queue.next_ns().is_some_and(|due_ns| due_ns <= item.played_ns + 1);
-            *encodes = is_touched || waits || is_can != is_bus(&model);
+            // Of a described unit the recorded data alone are sent.
+            *encodes = !self.is_described && (is_touched || waits || is_can != is_bus(&model));
             if *encodes {
                 output.put(Some(&(*sample).into()), frame, item.played_ns, &acting);
                 output.send_due(item.played_ns, &self.links.patience);
@@ -215,7 +221,9 @@ impl Player {
         self.counts.samples += 1;
         self.counts.faulted += u64::from(is_faulted);
         self.last = Some(*sample);
-        *self.shown.lock().expect("no panic while locked") = self.last;
+        if !self.is_described {
+            *self.shown.lock().expect("no panic while locked") = self.last;
+        }
     }
 
     /// Inputs of conditions at the start of a sample interval, without rates.
