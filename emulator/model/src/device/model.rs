@@ -28,8 +28,9 @@ impl Device {
 
     /// Interval of a reference attitude, ns: that of the samples, or a multiple of it of 10 ms or more.
     pub fn reference_interval_ns(&self) -> i64 {
-        let interval_ns = self.interval_ns().max(1);
-        interval_ns * (10_000_000 + interval_ns - 1).div_euclid(interval_ns).max(1)
+        // Of the exact interval, so that rows stay at the ends of samples.
+        let interval_ns = self.interval_s * 1e9;
+        (interval_ns * (10_000_000.0 / interval_ns - 1e-9).ceil().max(1.0)).round() as i64
     }
 
     /// On-board time at which a sample begins, since the start of the first, s.
