@@ -189,6 +189,12 @@ impl Frame {
         runs.map(|run| (run[0], &self.template[run[0]..run[0] + run.len()], kind(&run[0]).1)).collect()
     }
 
+    /// Bytes with constant bits beside others: the byte, its constant bits, and their values.
+    pub fn constant_bits(&self) -> impl Iterator<Item = (usize, u8, u8)> {
+        let bytes = self.template.iter().zip(&self.required).enumerate();
+        bytes.filter(|(_, (_, bits))| !matches!(bits, 0 | 0xFF)).map(|(at, (own, bits))| (at, *bits, own & bits))
+    }
+
     /// True if a check covers every field.
     pub fn is_covered(&self) -> bool {
         let covers = |at: usize| self.checks.iter().any(|check| check.covers.contains(&at));

@@ -236,6 +236,9 @@ fn lines(frame: &Frame, set: &FrameSet) -> Vec<(usize, String)> {
         let kind = if is_constant { "constant" } else { "ignored" };
         lines.push((8 * at, format!("{kind:<12} {}", spaced_hex(bytes))));
     }
+    for (at, bits, own) in frame.constant_bits() {
+        lines.push((8 * at, format!("{:<12} {own:02X} in the bits {bits:02X}", "constant")));
+    }
     for field in &frame.fields {
         let (place, value) = (field.place, &set.values[field.slot]);
         let modulo = match (&value.quantity, set.sequence) {

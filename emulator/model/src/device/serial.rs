@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use geu_protocol::hex::read_hex;
-use geu_protocol::layout::{Assembly, BitField, Check, Coding, Field, Frame, FrameSet, Number, check_names, sum_names};
+use geu_protocol::layout::{Assembly, BitField, Check, Coding, Frame, FrameSet, Number, check_names, sum_names};
 use geu_protocol::serial::{BITS_PER_BYTE, DEFAULT_BAUD};
 use geu_protocol::suggestion::did_you_mean;
 
@@ -190,7 +190,7 @@ fn add(node: &Node, at: usize, frame: &mut Frame, fields: &mut Fields) -> Result
         node.only(&["parts", "type"])?;
         let word = BitField::bytes(at, unsigned(node)?);
         for part in node.tables("parts")? {
-            frame.fields.extend(fields_of_part(&part, word, fields)?);
+            add_part(&part, word, frame, fields)?;
         }
     } else {
         let place = BitField::bytes(at, number(node)?);
@@ -199,22 +199,33 @@ fn add(node: &Node, at: usize, frame: &mut Frame, fields: &mut Fields) -> Result
     Ok(())
 }
 
-/// The fields of a part of a word: a number, or named bits.
-fn fields_of_part(part: &Node, word: BitField, fields: &mut Fields) -> Result<Vec<Field>, ConfigurationError> {
+/// Adds a part of a word: a number, named bits, or a constant.
+fn add_part(part: &Node, word: BitField, frame: &mut Frame, fields: &mut Fields) -> Result<(), ConfigurationError> {
     if let Some(bits) = part.table("bits")? {
         part.only(&["bits"])?;
-        return fields.bits(&bits, word);
+        frame.fields.extend(fields.bits(&bits, word)?);
+        return Ok(());
     }
-    let whole = |key: &str, min: u32, max: u32| match part.whole_number(key)? {
-        Some(value) if (u64::from(min)..=u64::from(max)).contains(&value) => Ok(value as u32),
+    let whole = |key: &str, min: u64, max: u64| match part.whole_number(key)? {
+        Some(value) if (min..=max).contains(&value) => Ok(value),
         _ => Err(part.unexpected(key, &format!("a whole number from {min} to {max}"))),
     };
-    let first = whole("first", 0, word.bits - 1)?;
-    let mut place = word.bits_of(first, whole("length", 1, word.bits - first)?);
-    if part.value("signed", ValueFormat::Flag, 0.0, 1.0)? == Some(1.0) {
-        place.coding = Coding::Signed;
+    let first = whole("first", 0, u64::from(word.bits) - 1)? as u32;
+    let mut place = word.bits_of(first, whole("length", 1, u64::from(word.bits - first))? as u32);
+    let largest = (1 << place.bits) - 1;
+    if part.keys().contains(&"constant") {
+        part.only(&["constant", "first", "length"])?;
+        frame.set_selector(place, whole("constant", 0, largest)?);
+    } else if part.keys().contains(&"ignored") {
+        part.only(&["ignored", "comment", "first", "length"])?;
+        frame.set_number(place, whole("ignored", 0, largest)? as f64);
+    } else {
+        if part.value("signed", ValueFormat::Flag, 0.0, 1.0)? == Some(1.0) {
+            place.coding = Coding::Signed;
+        }
+        frame.fields.push(fields.field(part, place, &PLAIN, &["first", "length", "signed"])?);
     }
-    Ok(vec![fields.field(part, place, &PLAIN, &["first", "length", "signed"])?])
+    Ok(())
 }
 
 /// Keys of a check.

@@ -312,6 +312,26 @@ fn parts_of_a_word_and_sums_of_words_are_as_described() {
                  { head = \"X\", of = \"temperature\", first = 3, length = 4, signed = true }, { bits = { X_valid = 7 } }], type = \"u8\"")
         .replace("CRC-16/XMODEM", "sum-u16le");
     let frames = parse(&text).unwrap().serial.unwrap().frames;
+    let with = |part: &str| {
+        parse(&text.replace("{ bits = { X_valid = 7 } }", part)).map(|device| device.serial.unwrap().frames)
+    };
+    let constant = with("{ constant = 1, first = 7, length = 1 }").unwrap();
+    let mut bytes = Vec::new();
+    constant.frames[0].write(&vec![0.0; constant.values.len()], &mut bytes);
+    assert!(bytes[3] == 0x80 && constant.frames[0].constant_bits().eq([(3, 0x80, 0x80)]), "{bytes:02X?}");
+    bytes[3] = 0;
+    assert!(!constant.frames[0].has_constants(&bytes));
+    let ignored = with("{ ignored = 1, first = 7, length = 1, comment = \"-\" }").unwrap();
+    assert!(ignored.frames[0].has_constants(&bytes) && ignored.frames[0].template()[3] == 0x80);
+    for (part, expected) in [
+        ("{ constant = 2, first = 7, length = 1 }", "a whole number from 0 to 1"),
+        ("{ constant = 1, first = 6, length = 1 }", "bits of its own"),
+        ("{ ignored = 1, first = 7, length = 2 }", "a whole number from 1 to 1"),
+        ("{ ignored = -1, first = 7, length = 1 }", "a whole number of 0 or more"),
+    ] {
+        let error = with(part).map(|_| ()).expect_err(part).to_string();
+        assert!(error.contains(expected), "{expected:?} not in {error}");
+    }
     // 01A5 + ED02 = EEA7.
     let values = read(&frames, 0, &[0xA5, 0x01, 0x02, 0b1110_1101, 0xEE, 0xA7]);
     assert!(frames.sequence == (8, 1) && value(&values, "sequence") == 5.0, "{values:?}");
