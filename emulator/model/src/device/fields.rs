@@ -80,17 +80,20 @@ impl<'a> Fields<'a> {
         more: &[&str],
     ) -> Result<Field, ConfigurationError> {
         let keys: &[&str] = match node.keys().contains(&"head") {
-            true => &["head", "of", "unit", "scale", "offset"],
+            true => &["head", "of", "unit", "scale", "divisor", "offset"],
             false if node.text("value").is_ok_and(|value| value == "sequence") => &["value", "modulus", "step"],
-            false => &["value", "unit", "scale", "offset"],
+            false => &["value", "unit", "scale", "divisor", "offset"],
         };
         node.only(&[keys, more].concat())?;
         let real = |key: &str, default: f64| {
             Ok::<f64, ConfigurationError>(node.value(key, ValueFormat::Real, -1e12, 1e12)?.unwrap_or(default))
         };
-        let (scale, offset) = (real("scale", unstated.scale)?, real("offset", unstated.offset)?);
-        if scale == 0.0 {
-            return Err(node.unexpected("scale", "a number that is not 0"));
+        let (scale, divisor, offset) =
+            (real("scale", unstated.scale)?, real("divisor", 1.0)?, real("offset", unstated.offset)?);
+        let key = if scale == 0.0 { "scale" } else { "divisor" };
+        let scale = scale / divisor;
+        if scale == 0.0 || !scale.is_finite() {
+            return Err(node.unexpected(key, "a number that is not 0"));
         }
         let (quantity, stem, units) = self.carried(node)?;
         let key = if node.keys().contains(&"head") { "head" } else { "value" };
