@@ -89,7 +89,7 @@ pub struct Frame {
     pub id: Option<(u32, bool)>,
     /// Number of samples from one such frame to the next.
     pub every: u32,
-    /// Place of the frame in the list that this one comes instead of.
+    /// Place of the frame in the list that this one comes instead of; where `every` is 1, it is read and not sent.
     pub instead_of: Option<usize>,
     /// Bytes before the fields are written: constants, and values of what this product does not carry.
     template: Vec<u8>,

@@ -220,8 +220,7 @@ fn frames(set: &FrameSet) -> String {
             Some((id, false)) => format!(", identifier {id:03X}"),
             None => String::new(),
         };
-        let every = if frame.every > 1 { format!(", every {} samples", frame.every) } else { String::new() };
-        _ = writeln!(text, "\n{}{id}, {} bytes{every}", frame.name, frame.length());
+        _ = writeln!(text, "\n{}{id}, {} bytes, {}", frame.name, frame.length(), set.cadence(frame));
         for (bit, line) in lines(frame, set) {
             _ = writeln!(text, "  byte {:<3} {line}", bit / 8);
         }

@@ -31,9 +31,13 @@ pub struct SerialWire {
 impl SerialWire {
     /// Time of the frames of a sample on a line of this rate, s.
     pub fn line_s(&self, baud: u32) -> f64 {
-        let frames = self.frames.frames.iter().filter(|frame| frame.instead_of.is_none());
-        let bits = |frame: &Frame| frame.length() as f64 * f64::from(BITS_PER_BYTE) / f64::from(frame.every);
-        frames.map(bits).sum::<f64>() / f64::from(baud)
+        let frames = &self.frames.frames;
+        let bytes = |frame: &Frame| match frame.instead_of.map(|other| frames[other].length() as f64) {
+            None => frame.length() as f64 / f64::from(frame.every),
+            Some(_) if frame.every == 1 => 0.0,
+            Some(other) => (frame.length() as f64 - other) / f64::from(frame.every),
+        };
+        frames.iter().map(bytes).sum::<f64>() * f64::from(BITS_PER_BYTE) / f64::from(baud)
     }
 
     pub(super) fn read(node: &Node, device: &Device) -> Result<SerialWire, ConfigurationError> {
@@ -98,11 +102,12 @@ fn frame(node: &Node, fields: &mut Fields) -> Result<(Frame, bool), Configuratio
     };
     if node.keys().contains(&"instead_of") {
         let name = node.text("instead_of")?;
-        let other = fields.set.frames.iter().position(|frame| frame.name == name && frame.every == 1);
+        let is_it = |frame: &Frame| frame.name == name && frame.every == 1 && frame.instead_of.is_none();
+        let other = fields.set.frames.iter().position(is_it);
         frame.instead_of =
             Some(other.ok_or_else(|| node.unexpected("instead_of", "an earlier frame of every sample"))?);
-        if frame.every != 1 {
-            return Err(node.error("every", "expected no `every` in a frame that comes instead of another".to_owned()));
+        if frame.every == 1 && node.keys().contains(&"every") {
+            return Err(node.unexpected("every", "2 or more in a frame that comes instead of another"));
         }
         fields.outputs.clear();
     }
