@@ -39,6 +39,8 @@ pub use number::{BitField, Coding, Number};
 pub enum Quantity {
     /// Increment or rate of a head, by its number.
     Output(usize),
+    /// Angle of a head since the frame before that carried it.
+    Angle(usize),
     /// Temperature of a head, °C.
     Temperature(usize),
     /// 1 where the output of a head is a measurement.

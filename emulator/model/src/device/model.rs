@@ -1,6 +1,6 @@
 //! What the model takes from a unit: interval, limits, gyros.
 
-use geu_protocol::layout::ValueSpec;
+use geu_protocol::layout::{Field, Quantity, ValueSpec};
 use geu_protocol::{Gyro, Gyros};
 
 use super::{Device, Head, Output};
@@ -64,6 +64,22 @@ impl Device {
         match self.output {
             Output::Increment => value.factor,
             Output::Rate => value.factor * self.interval_s,
+        }
+    }
+
+    /// Samples from one frame with an angle to the next; `None` without such frames.
+    ///
+    /// # Errors
+    /// It is not the same in all frames with angles: the message.
+    pub(super) fn samples_of_angles(&self) -> Result<Option<u64>, String> {
+        let links = [false, true].into_iter().filter_map(|is_can| self.frames(is_can));
+        let sent = links.flat_map(|set| &set.frames).filter(|frame| frame.instead_of.is_none() || frame.every > 1);
+        let is_angle = |field: &Field| matches!(self.values()[field.slot].quantity, Quantity::Angle(_));
+        let mut every = sent.filter(|frame| frame.fields.iter().any(is_angle)).map(|frame| frame.every);
+        let Some(first) = every.next() else { return Ok(None) };
+        match every.find(|other| *other != first) {
+            None => Ok(Some(first.into())),
+            Some(other) => Err(format!("expected angles of as many samples in all frames, got {first} and {other}")),
         }
     }
 

@@ -36,6 +36,7 @@ impl Device {
             Quantity::Output(head) => {
                 outputs.counts[*head] * self.heads[*head].count_arcsec / self.arcsec_per_unit(value)
             }
+            Quantity::Angle(head) => outputs.angles_arcsec[*head] / value.factor,
             Quantity::Valid(head) => bit(outputs.valid, *head),
             Quantity::Saturated(head) => bit(outputs.saturated, *head),
             Quantity::Sequence => {

@@ -111,6 +111,7 @@ fn frame(node: &Node, fields: &mut Fields) -> Result<(Frame, bool), Configuratio
         }
         fields.outputs.clear();
     }
+    fields.every = frame.every;
     for (field, at) in own.iter().zip(places) {
         add(field, at, &mut frame, fields)?;
     }

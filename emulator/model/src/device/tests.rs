@@ -350,7 +350,27 @@ fn a_frame_instead_of_another_has_all_its_values() {
     let frames =
         parse(&other(&format!("{rate} {{ value = \"sequence\", type = \"u8\" }},\n"))).unwrap().serial.unwrap().frames;
     assert_eq!(frames.frames[1].instead_of, Some(0));
+    let both = format!("{rate} {{ value = \"sequence\", type = \"u8\" }},\n");
+    let turned = "{ head = \"X\", of = \"angle\", type = \"i32be\", unit = \"deg\", scale = 2, divisor = 4e6 },\n";
+    let angle = format!("{both} {turned}");
+    let every = |number: &str| {
+        other(&angle)
+            .replace("fields = [{ constant = \"A6\"", &format!("every = {number}\nfields = [{{ constant = \"A6\""))
+    };
+    let device = parse(&every("3")).unwrap();
+    let set = &device.serial.as_ref().unwrap().frames;
+    let sent: Vec<&str> = (0..7).flat_map(|index| set.due(index)).map(|frame| frame.name.as_str()).collect();
+    assert_eq!(sent, ["LONG", "DATA", "DATA", "LONG", "DATA", "DATA", "LONG"]);
+    assert_eq!(
+        (device.angle_samples, set.cadence(&set.frames[1]).as_str()),
+        (Some(3), "instead of DATA every 3 samples")
+    );
+    let other_every = every("4")[TEXT.len()..].replace("LONG", "LONGER").replace("A6", "A8");
     for (text, part) in [
+        (every("3").replace("9600", "19200") + &other_every, "as many samples in all frames, got 3 and 4"),
+        (every("1"), "2 or more in a frame that comes instead"),
+        (every("3").replace("divisor = 4e6", "divisor = 0"), "a number that is not 0"),
+        (every("3").replace("divisor = 4e6", "divisor = 1e11"), "the range of the unit"),
         (other(rate), "expected all values of DATA in LONG"),
         (other(rate).replace("instead_of = \"DATA\"", "instead_of = \"DAT\""), "an earlier frame"),
     ] {
