@@ -138,6 +138,7 @@ macro_rules! devices {
 }
 
 devices! {
+    "hg4930" [];
     "kvh-1750" [];
     "mm5.10" ["mm5.10.dbc"];
     "mti-100" [];

@@ -456,5 +456,5 @@ fn the_default_unit_is_a_unit_without_a_described_link() {
     assert!(iras.is_iras() && iras.frames(false).is_none() && iras.frames(true).is_none());
     assert_eq!((iras.interval_ns(), iras.reference_interval_ns()), (500_000_000, 500_000_000));
     let spacing = |name: &str| Device::from_name(name).unwrap().reference_interval_ns();
-    assert_eq!([spacing("stim300"), spacing("kvh-1750"), spacing("tetrad")], [10_000_000; 3]);
+    assert_eq!(["stim300", "kvh-1750", "tetrad", "hg4930"].map(spacing), [10_000_000; 4]);
 }
