@@ -111,6 +111,36 @@ fn increments_of_floats_and_of_skewed_heads_are_the_true_angles() {
 }
 
 #[test]
+fn a_longer_message_comes_instead_of_every_sixth_and_carries_the_angle_since_the_one_before() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = simulated(folder.path(), "hg4930", "");
+    let (bytes, truth) = (fs::read(out.join("link.bin")).expect("a link"), truth(&out));
+    let word = |at: usize| u16::from_le_bytes([bytes[at], bytes[at + 1]]);
+    let (mut at, mut index, mut since) = (0, 0, [0.0; 3]);
+    while at < bytes.len() {
+        let is_inertial = index % 6 == 0;
+        let length = if is_inertial { 44 } else { 20 };
+        assert_eq!(bytes[at..at + 2], [0x0E, 1 + u8::from(is_inertial)], "{index}");
+        let sum = (at..at + length - 2).step_by(2).fold(0, |sum: u16, at| sum.wrapping_add(word(at)));
+        assert_eq!(sum, word(at + length - 2), "{index}");
+        // Counter, continuous test; version of the software, or the temperature.
+        let second = if index % 2 == 0 { 0x8000 | 70 } else { 1 };
+        assert_eq!((word(at + 14), word(at + 16)), (4 + index % 4, second), "{index}");
+        for (place, head) in ["X", "Y", "Z"].iter().enumerate() {
+            since[place] += truth[*head][usize::from(index)].0 * ARCSEC_RAD;
+            let angle = at + 18 + 4 * place;
+            if is_inertial {
+                let counts = i32::from_le_bytes(bytes[angle..angle + 4].try_into().expect("four bytes"));
+                assert!((f64::from(counts) - since[place] * 2f64.powi(33)).abs() < 0.501, "{index} {head}");
+                since[place] = 0.0;
+            }
+        }
+        (at, index) = (at + length, index + 1);
+    }
+    assert_eq!(index, 3000);
+}
+
+#[test]
 fn decoded_rows_of_every_unit_are_the_counts_of_its_truth() {
     for (device, per_count) in [
         ("stim300", 1.0 / 16384.0),
@@ -121,6 +151,7 @@ fn decoded_rows_of_every_unit_are_the_counts_of_its_truth() {
         // A rate: a count is an arcsec in 10 ms.
         ("mti-100", ARCSEC_RAD / 0.01),
         ("tetrad", 0.01),
+        ("hg4930", 1.0 / 1_048_576.0),
     ] {
         let folder = tempfile::tempdir().expect("a folder");
         let out = simulated(folder.path(), device, "");

@@ -115,6 +115,7 @@ pub struct GyroUnit {
     ended: u64,
     /// Counts lost to saturation, per gyro.
     lost_counts: Vec<f64>,
+    angles_arcsec: [f64; MAX_HEADS],
     sequence: u64,
     clock_count: u64,
     polled: bool,
@@ -157,6 +158,7 @@ impl GyroUnit {
             timing: SampleTiming::default(),
             ended: 0,
             lost_counts: vec![0.0; heads],
+            angles_arcsec: [0.0; MAX_HEADS],
             sequence: u64::MAX,
             clock_count: 0,
             polled: false,
@@ -230,9 +232,21 @@ impl GyroUnit {
             };
             *counts = channel.accumulate(unquantised, rounding);
         }
+        let mut rounded = [0.0; MAX_HEADS];
+        rounded[..counts.len()].copy_from_slice(counts);
         self.apply_wiring(&interval, counts, &mut taps);
         let mut is_synchronous = self.apply_power(counts, &mut outputs.valid, &mut taps);
         is_synchronous &= self.apply_faults(&device, &mut outputs, &mut taps);
+        // What changes the counts after their rounding changes the angles too.
+        if let Some(samples) = device.angle_samples {
+            let begins = self.ended % samples == 1 % samples;
+            for (index, head) in device.heads.iter().enumerate() {
+                let counts = unquantised[index] + (outputs.counts[index] - rounded[index]);
+                let before = if begins { 0.0 } else { self.angles_arcsec[index] };
+                self.angles_arcsec[index] = before + counts * head.count_arcsec;
+            }
+        }
+        outputs.angles_arcsec = self.angles_arcsec;
         self.sequence = self.sequence.wrapping_add(1);
         // Of a whole number of cycles in a sample no fraction is lost.
         let cycles = |samples: u64| (samples as f64 * (device.interval_s * device.clock_hz)).round() as u64;

@@ -60,8 +60,11 @@ fn frame(frame: &Frame, set: &FrameSet) -> Value {
     let others = frame.other_bytes().into_iter().map(|(at, bytes, is_constant)| {
         map! { at: at as u32, text: spaced_hex(bytes), kind: if is_constant { "constant" } else { "ignored" } }
     });
-    map! { name: frame.name.clone(), others: others.collect::<Value>(), id: id, is_extended: is_extended, length: frame.length() as u32, every: frame.every,
-    is_rare: frame.every > 1,
+    let bits = frame.constant_bits().map(|(at, bits, own)| {
+        map! { at: at as u32, text: format!("{own:02X} in the bits {bits:02X}"), kind: "constant" }
+    });
+    let others = others.chain(bits);
+    map! { name: frame.name.clone(), others: others.collect::<Value>(), id: id, is_extended: is_extended, length: frame.length() as u32, cadence: set.cadence(frame),
     template: listed(frame.template()), required: listed(frame.required()),
     fields: fields.collect::<Value>(), checks: frame.checks.iter().map(|own| check(own, frame)).collect::<Value>() }
 }

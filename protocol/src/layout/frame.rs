@@ -89,7 +89,7 @@ pub struct Frame {
     pub id: Option<(u32, bool)>,
     /// Number of samples from one such frame to the next.
     pub every: u32,
-    /// Place of the frame in the list that this one comes instead of.
+    /// Place of the frame in the list that this one comes instead of; where `every` is 1, it is read and not sent.
     pub instead_of: Option<usize>,
     /// Bytes before the fields are written: constants, and values of what this product does not carry.
     template: Vec<u8>,
@@ -187,6 +187,12 @@ impl Frame {
         let all: Vec<usize> = (0..self.length()).collect();
         let runs = all.chunk_by(|one, next| kind(one) == kind(next)).filter(|run| kind(&run[0]).0);
         runs.map(|run| (run[0], &self.template[run[0]..run[0] + run.len()], kind(&run[0]).1)).collect()
+    }
+
+    /// Bytes with constant bits beside others: the byte, its constant bits, and their values.
+    pub fn constant_bits(&self) -> impl Iterator<Item = (usize, u8, u8)> {
+        let bytes = self.template.iter().zip(&self.required).enumerate();
+        bytes.filter(|(_, (_, bits))| !matches!(bits, 0 | 0xFF)).map(|(at, (own, bits))| (at, *bits, own & bits))
     }
 
     /// True if a check covers every field.

@@ -39,6 +39,8 @@ pub use number::{BitField, Coding, Number};
 pub enum Quantity {
     /// Increment or rate of a head, by its number.
     Output(usize),
+    /// Angle of a head since the frame before that carried it.
+    Angle(usize),
     /// Temperature of a head, °C.
     Temperature(usize),
     /// 1 where the output of a head is a measurement.
@@ -82,5 +84,26 @@ impl FrameSet {
     /// Place of a quantity among the values of a sample.
     pub fn slot(&self, quantity: &Quantity) -> Option<usize> {
         self.values.iter().position(|value| value.quantity == *quantity)
+    }
+
+    /// The samples with which a frame comes, in words.
+    pub fn cadence(&self, frame: &Frame) -> String {
+        let other = frame.instead_of.map(|other| format!("instead of {}", self.frames[other].name));
+        match (frame.every, other) {
+            (1, other) => other.unwrap_or_else(|| "with every sample".to_owned()),
+            (every, None) => format!("every {every} samples"),
+            (every, Some(other)) => format!("{other} every {every} samples"),
+        }
+    }
+
+    /// The frames that a unit sends with the sample of this number. Of several that are due instead of one, the last listed comes.
+    pub fn due(&self, index: u64) -> impl Iterator<Item = &Frame> {
+        let is_due = move |frame: &Frame| index.is_multiple_of(frame.every.into());
+        let instead = move |place: usize| {
+            let mut others = self.frames.iter().rev().filter(move |frame| frame.instead_of == Some(place));
+            others.find(|frame| frame.every > 1 && is_due(frame))
+        };
+        let all = self.frames.iter().enumerate().filter(move |(_, frame)| frame.instead_of.is_none() && is_due(frame));
+        all.map(move |(place, frame)| instead(place).unwrap_or(frame))
     }
 }

@@ -233,8 +233,7 @@ fn frames(set: &FrameSet) -> String {
             Some((id, false)) => format!(", identifier {id:03X}"),
             None => String::new(),
         };
-        let every = if frame.every > 1 { format!(", every {} samples", frame.every) } else { String::new() };
-        _ = writeln!(text, "\n{}{id}, {} bytes{every}", frame.name, frame.length());
+        _ = writeln!(text, "\n{}{id}, {} bytes, {}", frame.name, frame.length(), set.cadence(frame));
         for (bit, line) in lines(frame, set) {
             _ = writeln!(text, "  byte {:<3} {line}", bit / 8);
         }
@@ -248,6 +247,9 @@ fn lines(frame: &Frame, set: &FrameSet) -> Vec<(usize, String)> {
     for (at, bytes, is_constant) in frame.other_bytes() {
         let kind = if is_constant { "constant" } else { "ignored" };
         lines.push((8 * at, format!("{kind:<12} {}", spaced_hex(bytes))));
+    }
+    for (at, bits, own) in frame.constant_bits() {
+        lines.push((8 * at, format!("{:<12} {own:02X} in the bits {bits:02X}", "constant")));
     }
     for field in &frame.fields {
         let (place, value) = (field.place, &set.values[field.slot]);

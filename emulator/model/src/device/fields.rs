@@ -30,6 +30,8 @@ pub struct Fields<'a> {
     pub set: FrameSet,
     /// Slots of the outputs that this link carries.
     pub outputs: Vec<usize>,
+    /// Samples from one such frame to the next.
+    pub every: u32,
 }
 
 /// Scale and offset of a field without its own, and its unit in a database.
@@ -45,7 +47,7 @@ pub const PLAIN: Unstated = Unstated { scale: 1.0, offset: 0.0, unit: "" };
 impl<'a> Fields<'a> {
     /// Fields of a link, beside these values of another one.
     pub fn new(device: &'a Device, values: Vec<ValueSpec>) -> Fields<'a> {
-        Fields { device, set: FrameSet { frames: Vec::new(), values, sequence: (1, 1) }, outputs: Vec::new() }
+        Fields { device, set: FrameSet { frames: Vec::new(), values, sequence: (1, 1) }, outputs: Vec::new(), every: 1 }
     }
 
     /// Place of a quantity among the values, added if it is new.
@@ -80,22 +82,27 @@ impl<'a> Fields<'a> {
         more: &[&str],
     ) -> Result<Field, ConfigurationError> {
         let keys: &[&str] = match node.keys().contains(&"head") {
-            true => &["head", "of", "unit", "scale", "offset"],
+            true => &["head", "of", "unit", "scale", "divisor", "offset"],
             false if node.text("value").is_ok_and(|value| value == "sequence") => &["value", "modulus", "step"],
-            false => &["value", "unit", "scale", "offset"],
+            false => &["value", "unit", "scale", "divisor", "offset"],
         };
         node.only(&[keys, more].concat())?;
         let real = |key: &str, default: f64| {
             Ok::<f64, ConfigurationError>(node.value(key, ValueFormat::Real, -1e12, 1e12)?.unwrap_or(default))
         };
-        let (scale, offset) = (real("scale", unstated.scale)?, real("offset", unstated.offset)?);
-        if scale == 0.0 {
-            return Err(node.unexpected("scale", "a number that is not 0"));
+        let (scale, divisor, offset) =
+            (real("scale", unstated.scale)?, real("divisor", 1.0)?, real("offset", unstated.offset)?);
+        let key = if scale == 0.0 { "scale" } else { "divisor" };
+        let scale = scale / divisor;
+        if scale == 0.0 || !scale.is_finite() {
+            return Err(node.unexpected(key, "a number that is not 0"));
         }
         let (quantity, stem, units) = self.carried(node)?;
         let key = if node.keys().contains(&"head") { "head" } else { "value" };
         let names: Vec<&str> = units.iter().map(|(name, _)| *name).collect();
-        let (unit, factor) = match node.keys().contains(&"unit") || matches!(quantity, Quantity::Output(_)) {
+        let (is_angle, is_rate) = (matches!(quantity, Quantity::Angle(_)), self.device.output == Output::Rate);
+        let is_output = is_angle || matches!(quantity, Quantity::Output(_));
+        let (unit, factor) = match node.keys().contains(&"unit") || is_output {
             true => {
                 let unit = node.choice("unit", &names)?;
                 (unit, units.iter().find(|(name, _)| *name == unit).map_or(1.0, |(_, factor)| *factor))
@@ -108,7 +115,6 @@ impl<'a> Fields<'a> {
         if quantity == Quantity::Sequence {
             self.sequence(node, &place, (scale, offset))?;
         }
-        let is_output = matches!(quantity, Quantity::Output(_));
         let suffix = match unit {
             "count" => String::new(),
             "degC" => "_c".to_owned(),
@@ -122,10 +128,9 @@ impl<'a> Fields<'a> {
             self.outputs.push(slot);
         }
         let field = Field::new(slot, place).scaled(scale, offset);
-        let range = match self.device.output {
-            Output::Increment => self.device.range_arcsec_s * self.device.interval_s,
-            Output::Rate => self.device.range_arcsec_s,
-        };
+        let samples = if is_angle { f64::from(self.every) } else { 1.0 };
+        let per_s = if is_rate && !is_angle { 1.0 } else { self.device.interval_s * samples };
+        let range = self.device.range_arcsec_s * per_s;
         let (low, high) = field.limits();
         if is_output && (low * factor > -range || high * factor < range) {
             let message = format!(
@@ -143,11 +148,12 @@ impl<'a> Fields<'a> {
             let name = node.text("head")?;
             let head = self.device.head(name).map_err(|message| node.error("head", message))?;
             let of = match node.keys().contains(&"of") {
-                true => node.choice("of", &["output", "temperature"])?,
+                true => node.choice("of", &["output", "angle", "temperature"])?,
                 false => "output",
             };
             return Ok(match (of, self.device.output) {
                 ("temperature", _) => (Quantity::Temperature(head), format!("{name}_temperature"), TEMPERATURE_UNITS),
+                ("angle", _) => (Quantity::Angle(head), format!("{name}_angle"), ANGLE_UNITS),
                 (_, Output::Increment) => (Quantity::Output(head), name.to_owned(), ANGLE_UNITS),
                 (_, Output::Rate) => (Quantity::Output(head), name.to_owned(), RATE_UNITS),
             });

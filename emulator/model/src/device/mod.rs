@@ -110,6 +110,8 @@ pub struct Device {
     /// Rate of the unit's clock.
     pub clock_hz: f64,
     pub heads: Vec<Head>,
+    /// Samples from one frame with an angle to the next; `None` without such frames.
+    pub angle_samples: Option<u64>,
     /// The link of the default unit is not described: it has a codec of its own.
     pub serial: Option<SerialWire>,
     pub can: Option<CanWire>,
@@ -136,6 +138,7 @@ macro_rules! devices {
 }
 
 devices! {
+    "hg4930" [];
     "kvh-1750" [];
     "mm5.10" ["mm5.10.dbc"];
     "mti-100" [];
@@ -189,6 +192,7 @@ impl Device {
                 range_arcsec_s: FULL_SCALE_ARCSEC_S,
                 clock_hz: CLOCK_HZ,
                 heads: Gyro::ALL.map(head).to_vec(),
+                angle_samples: None,
                 serial: None,
                 can: None,
                 table: None,
@@ -223,10 +227,7 @@ impl Device {
                 );
             }
         }
-        let output = match node.choice("output", &["increment", "rate"])? {
-            "rate" => Output::Rate,
-            _ => Output::Increment,
-        };
+        let is_rate = node.choice("output", &["increment", "rate"])? == "rate";
         let read = RefCell::new(Vec::new());
         let files = |name: &str| {
             let text = files(name)?;
@@ -238,13 +239,14 @@ impl Device {
             name: node.text("name")?.to_owned(),
             source: node.text("source")?.to_owned(),
             interval_s: positive(&node, "interval_s", 1e-5, 1e4)?,
-            output,
+            output: if is_rate { Output::Rate } else { Output::Increment },
             range_arcsec_s: positive(&node, "range_arcsec_s", 1e-3, 1e9)?,
             clock_hz: match node.keys().contains(&"clock_hz") {
                 true => positive(&node, "clock_hz", 1e-3, 1e9)?,
                 false => CLOCK_HZ,
             },
             heads,
+            angle_samples: None,
             serial: None,
             can: None,
             table: None,
@@ -269,6 +271,7 @@ impl Device {
             let message = "expected a table [device.serial], [device.can] or [device.table], got none";
             return Err(node.error("serial", message.to_owned()));
         }
+        device.angle_samples = device.samples_of_angles().map_err(|message| node.error("serial", message))?;
         device.count_sizes();
         device.description.files = read.into_inner();
         Ok(device)

@@ -1,6 +1,6 @@
 //! What the model takes from a unit: interval, limits, gyros.
 
-use geu_protocol::layout::ValueSpec;
+use geu_protocol::layout::{Field, Quantity, ValueSpec};
 use geu_protocol::{Gyro, Gyros};
 
 use super::{Device, Head, Output};
@@ -28,8 +28,9 @@ impl Device {
 
     /// Interval of a reference attitude, ns: that of the samples, or a multiple of it of 10 ms or more.
     pub fn reference_interval_ns(&self) -> i64 {
-        let interval_ns = self.interval_ns().max(1);
-        interval_ns * (10_000_000 + interval_ns - 1).div_euclid(interval_ns).max(1)
+        // Of the exact interval, so that rows stay at the ends of samples.
+        let interval_ns = self.interval_s * 1e9;
+        (interval_ns * (10_000_000.0 / interval_ns - 1e-9).ceil().max(1.0)).round() as i64
     }
 
     /// On-board time at which a sample begins, since the start of the first, s.
@@ -63,6 +64,22 @@ impl Device {
         match self.output {
             Output::Increment => value.factor,
             Output::Rate => value.factor * self.interval_s,
+        }
+    }
+
+    /// Samples from one frame with an angle to the next; `None` without such frames.
+    ///
+    /// # Errors
+    /// It is not the same in all frames with angles: the message.
+    pub(super) fn samples_of_angles(&self) -> Result<Option<u64>, String> {
+        let links = [false, true].into_iter().filter_map(|is_can| self.frames(is_can));
+        let sent = links.flat_map(|set| &set.frames).filter(|frame| frame.instead_of.is_none() || frame.every > 1);
+        let is_angle = |field: &Field| matches!(self.values()[field.slot].quantity, Quantity::Angle(_));
+        let mut every = sent.filter(|frame| frame.fields.iter().any(is_angle)).map(|frame| frame.every);
+        let Some(first) = every.next() else { return Ok(None) };
+        match every.find(|other| *other != first) {
+            None => Ok(Some(first.into())),
+            Some(other) => Err(format!("expected angles of as many samples in all frames, got {first} and {other}")),
         }
     }
 

@@ -19,11 +19,7 @@ impl Device {
     pub fn encode(&self, is_can: bool, sample: &CompletedSample) -> Vec<(&Frame, Vec<u8>)> {
         let Some(set) = self.frames(is_can) else { return Vec::new() };
         let values: Vec<f64> = set.values.iter().map(|value| self.value(value, set, sample)).collect();
-        let index = sample.outputs.index;
-        let due = set
-            .frames
-            .iter()
-            .filter(|frame| frame.instead_of.is_none() && index.is_multiple_of(u64::from(frame.every)));
+        let due = set.due(sample.outputs.index);
         due.map(|frame| {
             let mut bytes = Vec::with_capacity(frame.length());
             frame.write(&values, &mut bytes);
@@ -40,6 +36,7 @@ impl Device {
             Quantity::Output(head) => {
                 outputs.counts[*head] * self.heads[*head].count_arcsec / self.arcsec_per_unit(value)
             }
+            Quantity::Angle(head) => outputs.angles_arcsec[*head] / value.factor,
             Quantity::Valid(head) => bit(outputs.valid, *head),
             Quantity::Saturated(head) => bit(outputs.saturated, *head),
             Quantity::Sequence => {

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use geu_protocol::hex::read_hex;
-use geu_protocol::layout::{Assembly, BitField, Check, Coding, Field, Frame, FrameSet, Number, check_names, sum_names};
+use geu_protocol::layout::{Assembly, BitField, Check, Coding, Frame, FrameSet, Number, check_names, sum_names};
 use geu_protocol::serial::{BITS_PER_BYTE, DEFAULT_BAUD};
 use geu_protocol::suggestion::did_you_mean;
 
@@ -31,9 +31,13 @@ pub struct SerialWire {
 impl SerialWire {
     /// Time of the frames of a sample on a line of this rate, s.
     pub fn line_s(&self, baud: u32) -> f64 {
-        let frames = self.frames.frames.iter().filter(|frame| frame.instead_of.is_none());
-        let bits = |frame: &Frame| frame.length() as f64 * f64::from(BITS_PER_BYTE) / f64::from(frame.every);
-        frames.map(bits).sum::<f64>() / f64::from(baud)
+        let frames = &self.frames.frames;
+        let bytes = |frame: &Frame| match frame.instead_of.map(|other| frames[other].length() as f64) {
+            None => frame.length() as f64 / f64::from(frame.every),
+            Some(_) if frame.every == 1 => 0.0,
+            Some(other) => (frame.length() as f64 - other) / f64::from(frame.every),
+        };
+        frames.iter().map(bytes).sum::<f64>() * f64::from(BITS_PER_BYTE) / f64::from(baud)
     }
 
     pub(super) fn read(node: &Node, device: &Device) -> Result<SerialWire, ConfigurationError> {
@@ -98,14 +102,16 @@ fn frame(node: &Node, fields: &mut Fields) -> Result<(Frame, bool), Configuratio
     };
     if node.keys().contains(&"instead_of") {
         let name = node.text("instead_of")?;
-        let other = fields.set.frames.iter().position(|frame| frame.name == name && frame.every == 1);
+        let is_it = |frame: &Frame| frame.name == name && frame.every == 1 && frame.instead_of.is_none();
+        let other = fields.set.frames.iter().position(is_it);
         frame.instead_of =
             Some(other.ok_or_else(|| node.unexpected("instead_of", "an earlier frame of every sample"))?);
-        if frame.every != 1 {
-            return Err(node.error("every", "expected no `every` in a frame that comes instead of another".to_owned()));
+        if frame.every == 1 && node.keys().contains(&"every") {
+            return Err(node.unexpected("every", "2 or more in a frame that comes instead of another"));
         }
         fields.outputs.clear();
     }
+    fields.every = frame.every;
     for (field, at) in own.iter().zip(places) {
         add(field, at, &mut frame, fields)?;
     }
@@ -190,7 +196,7 @@ fn add(node: &Node, at: usize, frame: &mut Frame, fields: &mut Fields) -> Result
         node.only(&["parts", "type"])?;
         let word = BitField::bytes(at, unsigned(node)?);
         for part in node.tables("parts")? {
-            frame.fields.extend(fields_of_part(&part, word, fields)?);
+            add_part(&part, word, frame, fields)?;
         }
     } else {
         let place = BitField::bytes(at, number(node)?);
@@ -199,22 +205,33 @@ fn add(node: &Node, at: usize, frame: &mut Frame, fields: &mut Fields) -> Result
     Ok(())
 }
 
-/// The fields of a part of a word: a number, or named bits.
-fn fields_of_part(part: &Node, word: BitField, fields: &mut Fields) -> Result<Vec<Field>, ConfigurationError> {
+/// Adds a part of a word: a number, named bits, or a constant.
+fn add_part(part: &Node, word: BitField, frame: &mut Frame, fields: &mut Fields) -> Result<(), ConfigurationError> {
     if let Some(bits) = part.table("bits")? {
         part.only(&["bits"])?;
-        return fields.bits(&bits, word);
+        frame.fields.extend(fields.bits(&bits, word)?);
+        return Ok(());
     }
-    let whole = |key: &str, min: u32, max: u32| match part.whole_number(key)? {
-        Some(value) if (u64::from(min)..=u64::from(max)).contains(&value) => Ok(value as u32),
+    let whole = |key: &str, min: u64, max: u64| match part.whole_number(key)? {
+        Some(value) if (min..=max).contains(&value) => Ok(value),
         _ => Err(part.unexpected(key, &format!("a whole number from {min} to {max}"))),
     };
-    let first = whole("first", 0, word.bits - 1)?;
-    let mut place = word.bits_of(first, whole("length", 1, word.bits - first)?);
-    if part.value("signed", ValueFormat::Flag, 0.0, 1.0)? == Some(1.0) {
-        place.coding = Coding::Signed;
+    let first = whole("first", 0, u64::from(word.bits) - 1)? as u32;
+    let mut place = word.bits_of(first, whole("length", 1, u64::from(word.bits - first))? as u32);
+    let largest = (1 << place.bits) - 1;
+    if part.keys().contains(&"constant") {
+        part.only(&["constant", "first", "length"])?;
+        frame.set_selector(place, whole("constant", 0, largest)?);
+    } else if part.keys().contains(&"ignored") {
+        part.only(&["ignored", "comment", "first", "length"])?;
+        frame.set_number(place, whole("ignored", 0, largest)? as f64);
+    } else {
+        if part.value("signed", ValueFormat::Flag, 0.0, 1.0)? == Some(1.0) {
+            place.coding = Coding::Signed;
+        }
+        frame.fields.push(fields.field(part, place, &PLAIN, &["first", "length", "signed"])?);
     }
-    Ok(vec![fields.field(part, place, &PLAIN, &["first", "length", "signed"])?])
+    Ok(())
 }
 
 /// Keys of a check.

@@ -312,6 +312,26 @@ fn parts_of_a_word_and_sums_of_words_are_as_described() {
                  { head = \"X\", of = \"temperature\", first = 3, length = 4, signed = true }, { bits = { X_valid = 7 } }], type = \"u8\"")
         .replace("CRC-16/XMODEM", "sum-u16le");
     let frames = parse(&text).unwrap().serial.unwrap().frames;
+    let with = |part: &str| {
+        parse(&text.replace("{ bits = { X_valid = 7 } }", part)).map(|device| device.serial.unwrap().frames)
+    };
+    let constant = with("{ constant = 1, first = 7, length = 1 }").unwrap();
+    let mut bytes = Vec::new();
+    constant.frames[0].write(&vec![0.0; constant.values.len()], &mut bytes);
+    assert!(bytes[3] == 0x80 && constant.frames[0].constant_bits().eq([(3, 0x80, 0x80)]), "{bytes:02X?}");
+    bytes[3] = 0;
+    assert!(!constant.frames[0].has_constants(&bytes));
+    let ignored = with("{ ignored = 1, first = 7, length = 1, comment = \"-\" }").unwrap();
+    assert!(ignored.frames[0].has_constants(&bytes) && ignored.frames[0].template()[3] == 0x80);
+    for (part, expected) in [
+        ("{ constant = 2, first = 7, length = 1 }", "a whole number from 0 to 1"),
+        ("{ constant = 1, first = 6, length = 1 }", "bits of its own"),
+        ("{ ignored = 1, first = 7, length = 2 }", "a whole number from 1 to 1"),
+        ("{ ignored = -1, first = 7, length = 1 }", "a whole number of 0 or more"),
+    ] {
+        let error = with(part).map(|_| ()).expect_err(part).to_string();
+        assert!(error.contains(expected), "{expected:?} not in {error}");
+    }
     // 01A5 + ED02 = EEA7.
     let values = read(&frames, 0, &[0xA5, 0x01, 0x02, 0b1110_1101, 0xEE, 0xA7]);
     assert!(frames.sequence == (8, 1) && value(&values, "sequence") == 5.0, "{values:?}");
@@ -330,7 +350,27 @@ fn a_frame_instead_of_another_has_all_its_values() {
     let frames =
         parse(&other(&format!("{rate} {{ value = \"sequence\", type = \"u8\" }},\n"))).unwrap().serial.unwrap().frames;
     assert_eq!(frames.frames[1].instead_of, Some(0));
+    let both = format!("{rate} {{ value = \"sequence\", type = \"u8\" }},\n");
+    let turned = "{ head = \"X\", of = \"angle\", type = \"i32be\", unit = \"deg\", scale = 2, divisor = 4e6 },\n";
+    let angle = format!("{both} {turned}");
+    let every = |number: &str| {
+        other(&angle)
+            .replace("fields = [{ constant = \"A6\"", &format!("every = {number}\nfields = [{{ constant = \"A6\""))
+    };
+    let device = parse(&every("3")).unwrap();
+    let set = &device.serial.as_ref().unwrap().frames;
+    let sent: Vec<&str> = (0..7).flat_map(|index| set.due(index)).map(|frame| frame.name.as_str()).collect();
+    assert_eq!(sent, ["LONG", "DATA", "DATA", "LONG", "DATA", "DATA", "LONG"]);
+    assert_eq!(
+        (device.angle_samples, set.cadence(&set.frames[1]).as_str()),
+        (Some(3), "instead of DATA every 3 samples")
+    );
+    let other_every = every("4")[TEXT.len()..].replace("LONG", "LONGER").replace("A6", "A8");
     for (text, part) in [
+        (every("3").replace("9600", "19200") + &other_every, "as many samples in all frames, got 3 and 4"),
+        (every("1"), "2 or more in a frame that comes instead"),
+        (every("3").replace("divisor = 4e6", "divisor = 0"), "a number that is not 0"),
+        (every("3").replace("divisor = 4e6", "divisor = 1e11"), "the range of the unit"),
         (other(rate), "expected all values of DATA in LONG"),
         (other(rate).replace("instead_of = \"DATA\"", "instead_of = \"DAT\""), "an earlier frame"),
     ] {
@@ -416,5 +456,5 @@ fn the_default_unit_is_a_unit_without_a_described_link() {
     assert!(iras.is_iras() && iras.frames(false).is_none() && iras.frames(true).is_none());
     assert_eq!((iras.interval_ns(), iras.reference_interval_ns()), (500_000_000, 500_000_000));
     let spacing = |name: &str| Device::from_name(name).unwrap().reference_interval_ns();
-    assert_eq!([spacing("stim300"), spacing("kvh-1750"), spacing("tetrad")], [10_000_000; 3]);
+    assert_eq!(["stim300", "kvh-1750", "tetrad", "hg4930"].map(spacing), [10_000_000; 4]);
 }

@@ -13,6 +13,8 @@ pub struct Outputs {
     pub number: u64,
     /// Counts of each head.
     pub counts: [f64; MAX_HEADS],
+    /// Angle of each head since the last frame that carried it, not rounded; 0 without such frames.
+    pub angles_arcsec: [f64; MAX_HEADS],
     /// Heads with a measurement, as bits.
     pub valid: u8,
     /// Heads that were clipped, as bits.

@@ -50,11 +50,13 @@ impl Encoding {
         }
     }
 
-    /// Bytes of the frames of a sample in a stream, and the samples within [`CATCH_UP_NS`].
+    /// Largest number of bytes of a sample in a stream, and the samples within [`CATCH_UP_NS`].
     pub fn sample_bytes(&self) -> (usize, usize) {
         let Some(device) = self.device() else { return (MAX_FRAME, 1) };
         let frames = device.frames(false).map_or(&[][..], |set| &set.frames);
-        let length = frames.iter().filter(|frame| frame.instead_of.is_none()).map(Frame::length).sum();
+        let instead = |place| frames.iter().filter(move |frame| frame.instead_of == Some(place)).map(Frame::length);
+        let own = frames.iter().enumerate().filter(|(_, frame)| frame.instead_of.is_none());
+        let length = own.map(|(place, frame)| instead(place).fold(frame.length(), usize::max)).sum();
         (length, (CATCH_UP_NS / device.interval_ns().max(1)).max(1) as usize)
     }
 
