@@ -54,7 +54,7 @@ pub fn simulate(configuration: &Configuration, duration_s: f64) -> SimulatedReco
     let truth = Arc::new(RecordedAttitude::new(&motion).expect("rows every 0.5 s"));
     SimulatedRecording {
         rows,
-        reference: ReferenceAttitude { start_ns, truth, sigma_arcsec: Vec::new(), time_system: None },
+        reference: ReferenceAttitude::of_truth(start_ns, truth),
         motion,
     }
 }

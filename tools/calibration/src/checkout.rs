@@ -5,7 +5,6 @@
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
-use std::sync::Arc;
 
 use geu_model::attitude::{AttitudeProfile, Manoeuvre, RecordedAttitude};
 use geu_model::effect::EffectConfiguration;
@@ -137,12 +136,7 @@ pub fn simulate(configuration: &Configuration) -> CheckoutRun {
     }
     sensors.fixes = fixes.into_values().collect();
     let truth = RecordedAttitude::new(&rows).expect("rows of one sample each");
-    let reference = ReferenceAttitude {
-        start_ns: configuration.start_unix_ns,
-        truth: Arc::new(truth),
-        sigma_arcsec: Vec::new(),
-        time_system: None,
-    };
+    let reference = ReferenceAttitude::of_truth(configuration.start_unix_ns, truth);
     CheckoutRun { counts, windows, reference, sensors }
 }
 

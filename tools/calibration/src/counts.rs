@@ -173,6 +173,26 @@ impl AccumulatedCounts {
         self.push(end_s, &increments(sample), f64::from(sample.electronics_centi_c) * 0.01);
     }
 
+    /// Takes the temperatures from a reference that has them; a single one is that of the electronics.
+    pub fn take_temperatures(&mut self, reference: &ReferenceAttitude) {
+        let offset_s = self.offset_s(reference);
+        let at_nodes = |known: &Vec<(f64, f64)>| -> Vec<f64> {
+            let at = |node_s: &f64| {
+                let t_s = node_s + offset_s;
+                let after = known.partition_point(|own| own.0 < t_s).clamp(1, known.len() - 1);
+                let [(from_s, from), (to_s, to)] = [known[after - 1], known[after]];
+                let share = ((t_s - from_s) / (to_s - from_s).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+                from + share * (to - from)
+            };
+            self.node_s.iter().map(at).collect()
+        };
+        let mut known = reference.celsius.iter().filter(|known| known.len() > 1).map(at_nodes);
+        let (first, second) = (known.next(), known.next());
+        if let Some(celsius) = first {
+            (self.electronics_c, self.sensor_c) = (celsius, second.unwrap_or_default());
+        }
+    }
+
     /// Multiplies the angles of a gyro by a factor.
     pub fn multiply(&mut self, gyro: usize, factor: f64) {
         let of_others = self.coning.iter_mut().map(|own| &mut own[gyro]);

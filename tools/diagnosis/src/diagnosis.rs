@@ -70,6 +70,9 @@ pub fn diagnose_device(
     options: &DiagnosisOptions,
 ) -> Result<Diagnosis, MeasuredError> {
     (options.progress)("exact checks");
+    if !nominal.device.sends_temperature() {
+        recording.counts.take_temperatures(reference);
+    }
     let device = Arc::new(nominal.device.at_nodes(recording.counts.interval_s));
     let nominal = Configuration { device, ..nominal.clone() };
     let raw = recording.counts.clone();

@@ -381,7 +381,7 @@ mod tests {
         counts.breaks = (1..2400).step_by(lost_each).map(lost).collect();
         MeasuredData::new(
             counts,
-            &ReferenceAttitude { start_ns: 0, truth, sigma_arcsec: Vec::new(), time_system: None },
+            &ReferenceAttitude::of_truth(0, truth),
             &Configuration::reference(),
         )
         .expect_err("too little")

@@ -207,7 +207,7 @@ mod tests {
         let mut counts = AccumulatedCounts::starting_at(0);
         (1..=3600).for_each(|node| counts.push(node as f64 * SAMPLE_INTERVAL_S, &[0.0; 4], 20.0 + node as f64 * 1e-3));
         counts.breaks = vec![Discontinuity { from: 1800, to: 1801, gyros: Gyros::ALL, kind: BreakKind::Gap(1) }];
-        let reference = ReferenceAttitude { start_ns: 0, truth, sigma_arcsec: Vec::new(), time_system: None };
+        let reference = ReferenceAttitude::of_truth(0, truth);
         MeasuredData::new(counts, &reference, nominal).expect("long enough")
     }
 

@@ -48,7 +48,7 @@ pub fn recorded(nominal: &Configuration, manoeuvres: &[Manoeuvre], after_s: Opti
     }
     MeasuredData::new(
         counts,
-        &ReferenceAttitude { start_ns: 0, truth, sigma_arcsec: Vec::new(), time_system: None },
+        &ReferenceAttitude::of_truth(0, truth),
         &Configuration::reference(),
     )
     .expect("long enough")

@@ -40,6 +40,8 @@ pub struct ReferenceAttitude {
     pub truth: Arc<RecordedAttitude>,
     /// Stated 1-sigma error of the attitude of each row of the truth, about each control axis; empty if the file states none.
     pub sigma_arcsec: Vec<[f64; 3]>,
+    /// Time since `start_ns` and value of the temperatures of electronics and sensor, °C, where the file has them.
+    pub celsius: [Vec<(f64, f64)>; 2],
     /// Time system of an attitude ephemeris, in which `start_ns` counts from 1970.
     pub time_system: Option<String>,
 }
@@ -80,10 +82,17 @@ struct Trial {
     rows: Vec<AttitudeRow>,
     lines: Vec<u64>,
     sigma_arcsec: Vec<[f64; 3]>,
+    celsius: [Vec<(f64, f64)>; 2],
     starts_s: Vec<f64>,
 }
 
 impl ReferenceAttitude {
+    /// A truth whose time 0 is `start_ns`, with nothing beside the motion.
+    pub fn of_truth(start_ns: i64, truth: impl Into<Arc<RecordedAttitude>>) -> ReferenceAttitude {
+        let (sigma_arcsec, celsius, time_system) = Default::default();
+        ReferenceAttitude { start_ns, truth: truth.into(), sigma_arcsec, celsius, time_system }
+    }
+
     /// The same motion later by a lag.
     #[must_use]
     pub fn later(&self, lag_s: f64) -> ReferenceAttitude {
@@ -144,8 +153,7 @@ impl ReferenceAttitude {
             TableError::Rows { name: name.to_owned(), line, source }
         })?;
         let start_ns = base_ns.saturating_add((truth.start_s() * 1e9).round() as i64);
-        let truth = Arc::new(truth.starting_at_zero());
-        Ok(ReferenceAttitude { start_ns, truth, sigma_arcsec: Vec::new(), time_system })
+        Ok(ReferenceAttitude { time_system, ..ReferenceAttitude::of_truth(start_ns, truth.starting_at_zero()) })
     }
 }
 
@@ -241,6 +249,11 @@ impl Trial {
             *part = number(place)? * columns.size;
         }
         let [w, x, y, z] = parts;
+        for (celsius, &column) in self.celsius.iter_mut().zip(&columns.celsius) {
+            if let Some(column) = column.filter(|&column| !table.is_missing(column)) {
+                celsius.push((t_s, number(column)?));
+            }
+        }
         let mut angle_control_arcsec = [w, x, y];
         if is_attitude {
             let now = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-6);
@@ -271,7 +284,7 @@ impl Trial {
     /// The trial with a point at the start of each row that does not begin where the row before ends, and the rows after gaps.
     fn divided(self, is_rate: bool, gaps: Gaps) -> (Trial, Vec<usize>) {
         let spacing_s = median_spacing_s(&self.rows).unwrap_or_default();
-        let (mut points, mut unknown) = (Trial { name: self.name, base_ns: self.base_ns, ..Trial::default() }, vec![]);
+        let (mut points, mut unknown) = (Trial { name: self.name, base_ns: self.base_ns, celsius: self.celsius, ..Trial::default() }, vec![]);
         for (number, (row, line)) in self.rows.into_iter().zip(self.lines).enumerate() {
             let before_s = points.rows.last().map(|last| last.t_s);
             // Without a start a row begins where the row before ends, after a gap at the median spacing.
@@ -306,8 +319,10 @@ impl Trial {
             false => RecordedAttitude::with_known_gaps(&own.rows, unknown),
         };
         let truth = truth.and_then(|truth| if is_accepted { Ok(truth) } else { truth.without_gaps(&own.rows) });
+        let (start_s, mut celsius) = (truth.as_ref().map_or(0.0, RecordedAttitude::start_s), own.celsius);
+        celsius.iter_mut().flatten().for_each(|(t_s, _)| *t_s -= start_s);
         let reference = ReferenceAttitude::from_turns(file, own.base_ns.unwrap_or(0), &own.lines, None, truth)?;
-        let reference = ReferenceAttitude { sigma_arcsec: own.sigma_arcsec, ..reference };
+        let reference = ReferenceAttitude { sigma_arcsec: own.sigma_arcsec, celsius, ..reference };
         Ok(ReferenceTrial { name: own.name, is_attitude, reference })
     }
 }

@@ -330,7 +330,7 @@ mod tests {
         };
         let truth = RecordedAttitude::new(&(0..=72_000).map(row).collect::<Vec<_>>()).expect("a truth");
         let reference =
-            ReferenceAttitude { start_ns: 0, truth: truth.clone().into(), sigma_arcsec: Vec::new(), time_system: None };
+            ReferenceAttitude::of_truth(0, truth.clone());
         let unit = Configuration::reference_with(&overrides).expect("a unit");
         let mut unit = GyroUnit::on(&unit, &Truth::Recorded(truth.into()));
         let mut monitor = Monitor::new(&Configuration::reference(), Some(reference), true);

@@ -91,6 +91,14 @@ impl Device {
         device
     }
 
+    /// True if its messages contain a temperature.
+    pub fn sends_temperature(&self) -> bool {
+        let is_temperature = |quantity: &Quantity| {
+            matches!(quantity, Quantity::Electronics | Quantity::Sensor | Quantity::Temperature(_))
+        };
+        self.values().iter().any(|value| is_temperature(&value.quantity))
+    }
+
     /// The gyros.
     pub fn gyros(&self) -> impl Iterator<Item = Gyro> {
         self.heads.iter().map(|head| head.gyro)

@@ -17,6 +17,8 @@ const RATES: &[&str] = &["rate_", "w", "w_", "omega_"];
 const MAGNITUDES: &[&str] = &["rate_"];
 const TURNS: &[&str] = &["angle_"];
 const SIGMAS: &[&str] = &["sigma_"];
+/// Temperatures of electronics and sensor.
+const CELSIUS: [&str; 2] = ["electronics_c", "sensor_c"];
 const TRIALS: [&str; 2] = ["trial", "group"];
 const AXES: [&str; 3] = ["x_", "y_", "z_"];
 /// The scalar part is first in this list; q1 to q4 have it last.
@@ -46,6 +48,7 @@ pub struct Columns {
     pub theta_psi: Option<[usize; 2]>,
     /// Sigma about each axis, and its unit, arcsec or arcsec/s.
     pub sigma: Option<([usize; 3], f64)>,
+    pub celsius: [Option<usize>; 2],
     pub trial: Option<usize>,
 }
 
@@ -80,6 +83,7 @@ impl Columns {
             size,
             theta_psi: at("theta_deg").zip(at("psi_deg")).map(|(theta, psi)| [theta, psi]),
             sigma,
+            celsius: CELSIUS.map(at),
             trial: TRIALS.into_iter().find_map(at),
         })
     }
