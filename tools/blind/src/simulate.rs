@@ -52,11 +52,7 @@ pub fn simulate(configuration: &Configuration, duration_s: f64) -> SimulatedReco
         motion.push(AttitudeRow { t_s, angle_control_arcsec: [0.0; 3], ..motion[0] });
     }
     let truth = Arc::new(RecordedAttitude::new(&motion).expect("rows every 0.5 s"));
-    SimulatedRecording {
-        rows,
-        reference: ReferenceAttitude::of_truth(start_ns, truth),
-        motion,
-    }
+    SimulatedRecording { rows, reference: ReferenceAttitude::of_truth(start_ns, truth), motion }
 }
 
 impl SimulatedRecording {

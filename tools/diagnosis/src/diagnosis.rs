@@ -14,7 +14,7 @@ use crate::entries::Entries;
 use crate::measured::{
     MeasuredData, MeasuredError, ModelRun, ReferenceSigma, Series, Shifts, SmoothedReference, TIMING,
 };
-use crate::model_selection::SelectedModel;
+use crate::model_selection::{FEW_SAMPLES, SelectedModel};
 use crate::model_state::{LAG_S, ModelState};
 use crate::motion_segments;
 use crate::noise;
@@ -233,12 +233,13 @@ impl Report<'_> {
     /// Removes hypotheses that are not acceptable; returns the gyros that remain unexplained and the whitened residual.
     fn drop_doubtful(&self, selected: &mut SelectedModel) -> (Gyros, Series) {
         let Entries { case, thresholds, .. } = self.entries;
+        let is_uneven = case.measured.noise_scale.is_some();
+        // In sigmas, where effects are no evidence below a multiple of their χ².
+        let limit = thresholds.whiteness_statistic * if is_uneven { FEW_SAMPLES.sqrt() } else { 1.0 };
         let unexplained = |left: &Series, overfitted: &Gyros| -> Gyros {
             let (_, channels) = whiteness_statistic(left);
-            let is_left = |gyro: usize| channels[gyro] > thresholds.whiteness_statistic || overfitted[gyro];
-            case.measured.gyros().filter(is_left)
+            case.measured.gyros().filter(|gyro| channels[gyro] > limit || overfitted[gyro])
         };
-        let is_uneven = case.measured.noise_scale.is_some();
         if is_uneven {
             selected.drop_outliers(case);
         }

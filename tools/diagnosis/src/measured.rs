@@ -379,13 +379,9 @@ mod tests {
         (1..=2400).for_each(|node| counts.push(node as f64 * SAMPLE_INTERVAL_S, &[0.0; 4], 20.0));
         let lost = |node: usize| Discontinuity { from: node, to: node + 1, gyros: Gyros::ALL, kind: BreakKind::Gap(1) };
         counts.breaks = (1..2400).step_by(lost_each).map(lost).collect();
-        MeasuredData::new(
-            counts,
-            &ReferenceAttitude::of_truth(0, truth),
-            &Configuration::reference(),
-        )
-        .expect_err("too little")
-        .to_string()
+        MeasuredData::new(counts, &ReferenceAttitude::of_truth(0, truth), &Configuration::reference())
+            .expect_err("too little")
+            .to_string()
     }
 
     #[test]

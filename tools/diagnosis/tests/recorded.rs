@@ -46,10 +46,5 @@ pub fn recorded(nominal: &Configuration, manoeuvres: &[Manoeuvre], after_s: Opti
         let electronics_c = 20.0 + 4.0 * (node as f64 * SAMPLE_INTERVAL_S * std::f64::consts::TAU / 6180.0).sin();
         counts.push(node as f64 * SAMPLE_INTERVAL_S, &[0.0; 4], electronics_c);
     }
-    MeasuredData::new(
-        counts,
-        &ReferenceAttitude::of_truth(0, truth),
-        &Configuration::reference(),
-    )
-    .expect("long enough")
+    MeasuredData::new(counts, &ReferenceAttitude::of_truth(0, truth), &Configuration::reference()).expect("long enough")
 }

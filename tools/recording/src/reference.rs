@@ -284,7 +284,8 @@ impl Trial {
     /// The trial with a point at the start of each row that does not begin where the row before ends, and the rows after gaps.
     fn divided(self, is_rate: bool, gaps: Gaps) -> (Trial, Vec<usize>) {
         let spacing_s = median_spacing_s(&self.rows).unwrap_or_default();
-        let (mut points, mut unknown) = (Trial { name: self.name, base_ns: self.base_ns, celsius: self.celsius, ..Trial::default() }, vec![]);
+        let (mut points, mut unknown) =
+            (Trial { name: self.name, base_ns: self.base_ns, celsius: self.celsius, ..Trial::default() }, vec![]);
         for (number, (row, line)) in self.rows.into_iter().zip(self.lines).enumerate() {
             let before_s = points.rows.last().map(|last| last.t_s);
             // Without a start a row begins where the row before ends, after a gap at the median spacing.

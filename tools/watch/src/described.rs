@@ -198,8 +198,7 @@ mod tests {
             theta_psi_rad: None,
         };
         let truth = RecordedAttitude::new(&(0..5000).map(row).collect::<Vec<_>>()).expect("a truth");
-        let reference =
-            ReferenceAttitude::of_truth(0, truth);
+        let reference = ReferenceAttitude::of_truth(0, truth);
         let configuration = Configuration::of_device(&device, &[]).expect("a configuration");
         let mut monitor = DeviceMonitor::new(&configuration, reference);
         let (mut random, mut number) = (1_u64, 0_u64);

@@ -329,8 +329,7 @@ mod tests {
             theta_psi_rad: Some((1.5, 0.0)),
         };
         let truth = RecordedAttitude::new(&(0..=72_000).map(row).collect::<Vec<_>>()).expect("a truth");
-        let reference =
-            ReferenceAttitude::of_truth(0, truth.clone());
+        let reference = ReferenceAttitude::of_truth(0, truth.clone());
         let unit = Configuration::reference_with(&overrides).expect("a unit");
         let mut unit = GyroUnit::on(&unit, &Truth::Recorded(truth.into()));
         let mut monitor = Monitor::new(&Configuration::reference(), Some(reference), true);

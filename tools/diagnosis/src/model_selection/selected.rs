@@ -60,7 +60,9 @@ pub(super) struct RejectedHypothesis {
 /// without a constant and a slope, that show how large a fitted noise of the drift is. Of noise that changes from block to block: 15 to 30
 /// blocks show its scale; by their median, so that they count for fewer. Student's t with 16 degrees of freedom reaches three times a χ² of 28
 /// as rarely as a normal variable reaches 28.
-pub(super) const FEW_SAMPLES: f64 = 3.0;
+pub const FEW_SAMPLES: f64 = 3.0;
+/// Segments of a recording in which reference and motion have errors of their own.
+const SEGMENTS: usize = 48;
 
 /// One step of the selection, best candidates first.
 #[derive(Debug, Clone)]
@@ -213,21 +215,42 @@ impl SelectedModel {
         }
     }
 
-    /// Removes hypotheses beside noise that changes, if their fall of χ² is below their threshold times `FEW_SAMPLES`, or times the
-    /// ratio of the largest squared innovation on their gyros to that of normal noise, which is 2 ln of the number of blocks. Noise with long
-    /// tails exceeds a threshold more often, also with hypotheses that are not possible: the rejected ones are no evidence.
+    /// Ratio of the variance of a fitted amplitude to that beside white noise, from the products of its signature and the residual in segments
+    /// of the recording (Liang and Zeger 1986).
+    fn clustering(&self, case: &DiagnosisCase, index: usize) -> f64 {
+        let blocks = case.measured.block_count();
+        let signature = case.signature(&self.state, index).map(|own| own.unwrap_or_else(|| vec![0.0; blocks]));
+        let signature = case.normal_without(&self.state, index).projected_residual_of(&signature);
+        let left = self.normal.projected_residual();
+        let length = (blocks / SEGMENTS).max(1);
+        let mut products = vec![0.0; blocks.div_ceil(length)];
+        let mut square = 0.0;
+        for (own, left) in signature[..TIMING].iter().zip(&left) {
+            for (block, (own, left)) in own.iter().zip(left).enumerate() {
+                products[block / length] += own * left;
+                square += own * own;
+            }
+        }
+        products.iter().map(|own| own * own).sum::<f64>() / square
+    }
+
+    /// Removes hypotheses beside noise that changes, if their fall of χ² is below their threshold times the largest of `FEW_SAMPLES` and the
+    /// ratio of the largest squared innovation to that of normal noise, which is 2 ln of the number of blocks, and times their
+    /// [`SelectedModel::clustering`]. Errors of the reference reach all gyros. Noise with long tails exceeds a threshold more often, also with
+    /// hypotheses that are not possible: the rejected ones are no evidence.
     pub fn drop_outliers(&mut self, case: &DiagnosisCase) {
         self.rejected = None;
         loop {
             let left = self.normal.projected_residual();
-            let excess = |gyro: usize| {
-                let largest = left[gyro].iter().map(|value| value * value).fold(0.0, f64::max);
-                largest / (2.0 * (left[gyro].len() as f64).ln())
+            let excess = |of_gyro: &Vec<f64>| {
+                let largest = of_gyro.iter().map(|value| value * value).fold(0.0, f64::max);
+                largest / (2.0 * (of_gyro.len() as f64).ln())
             };
+            let gyros = &left[..case.measured.gyros().heads()];
+            let factor = gyros.iter().map(excess).fold(FEW_SAMPLES, f64::max);
             let beyond = |index: usize| {
                 let Chi2Fall { fall, threshold } = self.chi2_fall(case, index);
-                let gyros = &self.state.held[index].hypothesis.gyros;
-                fall - threshold * (0..TIMING).filter(|&gyro| gyros[gyro]).map(excess).fold(FEW_SAMPLES, f64::max)
+                fall - threshold * factor * self.clustering(case, index).max(1.0)
             };
             let falls = (0..self.state.held.len()).map(|index| (index, beyond(index)));
             let Some((index, _)) = falls.filter(|own| own.1 < 0.0).min_by(|a, b| a.1.total_cmp(&b.1)) else { return };
