@@ -39,8 +39,9 @@ struct Turns {
     /// Time of each node on the time scale of the reference, s.
     node_s: Vec<f64>,
     measured: Vec<f64>,
-    /// At multiples of the interval.
+    /// At multiples of the interval, from the first place on.
     reference: Vec<f64>,
+    first: usize,
     /// Intervals of a turn.
     reach: usize,
 }
@@ -79,18 +80,21 @@ impl Turns {
             counts.accumulated.iter().map(of_head).sum::<f64>().sqrt()
         };
         let offset_s = counts.offset_s(reference);
+        // A reference of a year beside minutes of a recording is not needed whole.
+        let place = |t_s: f64| (t_s.max(0.0) / interval_s) as usize;
+        let beyond_s = SEGMENTS as f64 * REACH_S;
+        let first = place(offset_s - beyond_s);
+        let last = place(counts.end_s() + offset_s + beyond_s).min(place(reference.truth.end_s()));
         let mut near = 0;
         let mut at = |place: usize| Vector3::from(reference.truth.at(place as f64 * interval_s, &mut near).0);
-        let places = (reference.truth.end_s() / interval_s) as usize;
-        // A reference of a year beside minutes of a recording is not needed whole.
-        let needed = ((counts.end_s() + offset_s + SEGMENTS as f64 * REACH_S).max(0.0) / interval_s) as usize;
-        let angles: Vec<Vector3<f64>> = (0..=places.min(needed)).map(&mut at).collect();
+        let angles: Vec<Vector3<f64>> = (first..=last).map(&mut at).collect();
         let turn = |ends: &[Vector3<f64>]| (&matrix * (ends[reach] - ends[0])).norm();
         Turns {
             interval_s,
             node_s: counts.node_s.iter().map(|node_s| node_s + offset_s).collect(),
             measured: (0..counts.node_s.len()).map(|node| if node < reach { 0.0 } else { measured(node) }).collect(),
             reference: vec![0.0; reach].into_iter().chain(angles.windows(reach + 1).map(turn)).collect(),
+            first,
             reach,
         }
     }
@@ -100,7 +104,7 @@ impl Turns {
         let mut sums = [0.0; 6];
         for node in nodes.start.max(self.reach)..nodes.end {
             let node_s = self.node_s[node];
-            let place = ((node_s - lag_s(node_s - self.node_s[0])) / self.interval_s).round();
+            let place = ((node_s - lag_s(node_s - self.node_s[0])) / self.interval_s).round() - self.first as f64;
             if place < self.reach as f64 || place >= self.reference.len() as f64 {
                 continue;
             }

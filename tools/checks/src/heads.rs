@@ -33,6 +33,8 @@ const STUCK_SAMPLES: u64 = 20;
 const UNSEEN: f64 = 1e-3;
 /// Runs of one value from which it is a limit.
 const CLIPPED_RUNS: usize = 2;
+/// Share of the nodes that may exceed a limit: outliers do.
+const EXCEEDED_SHARE: f64 = 1e-3;
 /// Share of a recording with constant output from which its head is named.
 const NAMED_SHARE: f64 = 0.02;
 
@@ -51,7 +53,7 @@ pub fn check_heads(
 ) -> HeadCheck {
     let matrix = sensing_matrix(configuration);
     let mut findings = samples(&recording);
-    let DeviceRecording { mut counts, constant, largest, .. } = recording;
+    let DeviceRecording { mut counts, constant, extremes, .. } = recording;
     let turned = turns(&counts, reference);
     let heads = counts.gyros.heads();
     // What a run of one value does not show of the turn is known in the right unit.
@@ -67,7 +69,7 @@ pub fn check_heads(
         findings.push(Finding { kind: "unit-factor".to_owned(), place, text });
         counts.multiply(head, 1.0 / known.map_or(factor, |known| known.0));
     }
-    let mut faults = constant_output(&mut counts, (&constant, &largest), &turned, &matrix, &mut findings);
+    let mut faults = constant_output(&mut counts, (&constant, &extremes), &turned, &matrix, &mut findings);
     let found: Vec<Option<Follows>> =
         (0..heads).map(|head| Follows::find(head, &counts, &[], &turned, &matrix, configuration)).collect();
     let by_own: Vec<Follows> = (0..heads).map(|head| found[head].unwrap_or(Follows::nominal(head))).collect();
@@ -123,7 +125,7 @@ fn turns(counts: &AccumulatedCounts, reference: &ReferenceAttitude) -> Vec<Optio
 /// Leaves out constant output while the unit turns; returns the heads that stand out by it.
 fn constant_output(
     counts: &mut AccumulatedCounts,
-    (constant, largest): (&[ConstantRun], &[(f64, Vec<usize>)]),
+    (constant, extremes): (&[ConstantRun], &[Vec<[f64; 2]>]),
     turned: &[Option<Vector3<f64>>],
     matrix: &MatrixXx3<f64>,
     findings: &mut Vec<Finding>,
@@ -144,21 +146,16 @@ fn constant_output(
             high - low
         };
         let is_unseen = |run: &&ConstantRun| unseen(run.from, run.to) > limit;
-        let (largest, at_largest) = &largest[head];
-        let own = constant.iter().filter(|run| run.gyro == head && is_unseen(run));
-        let (at_limit, others): (Vec<_>, Vec<_>) = own.partition(|run| run.size_arcsec >= *largest);
-        let is_clipped = at_limit.len() >= CLIPPED_RUNS;
-        let single: Vec<&ConstantRun> = if is_clipped { Vec::new() } else { at_limit };
-        let stuck: Vec<&ConstantRun> =
-            others.into_iter().chain(single).filter(|run| run.samples >= STUCK_SAMPLES).collect();
-        let mut clipped: Vec<Range<usize>> = Vec::new();
+        let own: Vec<&ConstantRun> = constant.iter().filter(|run| run.gyro == head).filter(is_unseen).collect();
+        let [low, high] = [-1.0, 1.0].map(|sign| output_limit(&own, &extremes[head], sign));
+        let is_limit = |arcsec: f64| arcsec.is_finite() && (arcsec >= high || arcsec <= low);
+        let is_stuck = |run: &&ConstantRun| run.samples >= STUCK_SAMPLES && !is_limit(run.arcsec);
+        let stuck: Vec<&ConstantRun> = own.into_iter().filter(is_stuck).collect();
         // Samples at the limit that are alone or few are clipped too.
-        for node in at_largest.iter().filter(|_| is_clipped) {
-            match clipped.last_mut() {
-                Some(last) if *node <= last.end => last.end = node + 1,
-                _ => clipped.push(*node..node + 1),
-            }
-        }
+        let at_limit = |node: &usize| extremes[head][*node].into_iter().any(is_limit);
+        let nodes: Vec<usize> = (0..extremes[head].len()).filter(at_limit).collect();
+        let runs = nodes.chunk_by(|one, next| next - one <= 1);
+        let clipped: Vec<Range<usize>> = runs.map(|run| run[0]..run[run.len() - 1] + 1).collect();
         let constant = stuck.iter().map(|run| run.from..run.to).collect();
         for (all, kind, name, what) in [
             (constant, BreakKind::Constant, "stuck-output", "the output does not change while the unit turns"),
@@ -190,6 +187,15 @@ fn constant_output(
     }
     counts.breaks.sort_by_key(|found| found.from);
     faults
+}
+
+/// The value at which an output stays in several runs, and which few nodes exceed, to the side of a sign; infinite without one.
+fn output_limit(runs: &[&ConstantRun], extremes: &[[f64; 2]], sign: f64) -> f64 {
+    let farthest = runs.iter().map(|run| sign * run.arcsec).fold(f64::NEG_INFINITY, f64::max);
+    let count = runs.iter().filter(|run| sign * run.arcsec == farthest).count();
+    let beyond = |own: &&[f64; 2]| own.iter().any(|arcsec| arcsec.is_finite() && sign * arcsec > farthest);
+    let is_exceeded = extremes.iter().filter(beyond).count() as f64 > EXCEEDED_SHARE * extremes.len() as f64;
+    if count >= CLIPPED_RUNS && !is_exceeded { sign * farthest } else { sign * f64::INFINITY }
 }
 
 /// A wiring fault that the comparison with the reference shows.

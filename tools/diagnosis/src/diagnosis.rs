@@ -56,7 +56,7 @@ pub fn diagnose_rows(
     };
     let measured = MeasuredData::new(counts(&checked.rows)?, reference, nominal)?;
     let raw = if checked.faults.is_empty() { None } else { MeasuredData::new(counts(rows)?, reference, nominal).ok() };
-    Ok(diagnose(&measured, raw, (checked.findings, checked.faults), nominal, options))
+    Ok(diagnose(&measured, (raw, &|_, _| None), (checked.findings, checked.faults), nominal, options))
 }
 
 /// Diagnoses the recording of a described unit, exact checks included.
@@ -79,7 +79,7 @@ pub fn diagnose_device(
     let Alignment { lag_s, clock_ppm: aligned_ppm } = Alignment::find(&raw, &nominal, reference);
     recording.counts.correct_clock(aligned_ppm);
     let checked = check_heads(recording, &nominal, &reference.later(lag_s));
-    let mut unsmoothed = MeasuredData::combined(checked.counts.clone(), reference, lag_s, None)?;
+    let mut unsmoothed = MeasuredData::combined(checked.counts.clone(), reference, lag_s, None, None)?;
     unsmoothed.clock_ppm = aligned_ppm;
     let case = DiagnosisCase::new(&unsmoothed, &nominal);
     let (fitted, clock_ppm) = solution::fitted_with_clock(&case);
@@ -90,28 +90,41 @@ pub fn diagnose_device(
     let mut counts = checked.counts;
     counts.node_s.clone_from(&raw.node_s);
     counts.correct_clock(clock_ppm);
-    let mut measured = MeasuredData::combined(counts, reference, lag_s, Some(&fitted.configuration(&nominal)))?;
-    measured.clock_ppm = if aligned_ppm == 0.0 { 0.0 } else { clock_ppm };
+    let combined = |calibrated: &Configuration, added: Option<&Series>| -> Result<MeasuredData, MeasuredError> {
+        let mut measured = MeasuredData::combined(counts.clone(), reference, lag_s, Some(calibrated), added)?;
+        measured.clock_ppm = if aligned_ppm == 0.0 { 0.0 } else { clock_ppm };
+        Ok(measured)
+    };
+    let measured = combined(&fitted.configuration(&nominal), None)?;
+    let smoothed = |calibrated: &Configuration, added: &Series| combined(calibrated, Some(added)).ok();
     let has_changed = is_late || clock_ppm != 0.0 || !checked.faults.is_empty();
-    let raw = if has_changed { MeasuredData::combined(raw, reference, 0.0, None).ok() } else { None };
-    Ok(diagnose(&measured, raw, (checked.findings, checked.faults), &nominal, options))
+    let raw = if has_changed { MeasuredData::combined(raw, reference, 0.0, None, None).ok() } else { None };
+    Ok(diagnose(&measured, (raw, &smoothed), (checked.findings, checked.faults), &nominal, options))
 }
+
+/// The recording with its reference smoothed again by calibrated gyros, without what effects add to their counts.
+type Smooth<'a> = &'a dyn Fn(&Configuration, &Series) -> Option<MeasuredData>;
 
 /// Diagnoses a recording after the exact checks; `raw` is the recording before wiring faults were corrected, if there are any.
 fn diagnose(
     measured: &MeasuredData,
-    raw: Option<MeasuredData>,
+    (raw, smooth): (Option<MeasuredData>, Smooth),
     (mut findings, faults): (Vec<Finding>, Vec<WiringFault>),
     nominal: &Configuration,
     options: &DiagnosisOptions,
 ) -> Diagnosis {
     let progress = options.progress;
     let mut solution = Solution::new(measured, nominal, options, true);
-    let uneven = solution.uneven(options.seed);
-    if let Some(uneven) = &uneven {
-        findings.push(uneven_noise(uneven));
-        solution = Solution::new(uneven, nominal, options, true);
+    let scales = solution.uneven(options.seed);
+    let mut again = solution.smoothed_again(smooth).or_else(|| scales.is_some().then(|| measured.clone()));
+    if let Some(again) = &mut again {
+        again.noise_scale = scales.map(Arc::new);
     }
+    if let Some(again) = &again {
+        findings.extend(again.noise_scale.is_some().then(|| uneven_noise(again)));
+        solution = Solution::new(again, nominal, options, true);
+    }
+    let measured = again.as_ref().unwrap_or(measured);
     findings.extend(solution.is_closed_loop().then(|| closed_loop(solution.correlation)));
     findings.extend(measured.smoothed.as_deref().and_then(glitches));
     findings.extend(measured.reference_sigma.as_ref().and_then(ReferenceSigma::finding));

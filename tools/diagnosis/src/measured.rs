@@ -13,6 +13,7 @@ mod temperature;
 mod turns;
 
 use geu_checks::median;
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use geu_calibration::{AccumulatedCounts, BreakKind, Discontinuity};
@@ -132,15 +133,17 @@ impl MeasuredData {
         reference: &ReferenceAttitude,
         nominal: &Configuration,
     ) -> Result<MeasuredData, MeasuredError> {
-        MeasuredData::combined(counts, reference, 0.0, Some(nominal))
+        MeasuredData::combined(counts, reference, 0.0, Some(nominal), None)
     }
 
-    /// Combines counts and their reference, moved by a lag. The gyros of a configuration, if any, smooth a reference that is noisy or slow.
+    /// Combines counts and their reference, moved by a lag. The gyros of a configuration, if any, smooth a reference that is noisy or slow; with
+    /// what effects add to their counts, that is left out of the smoothing.
     pub(crate) fn combined(
         mut counts: AccumulatedCounts,
         reference: &ReferenceAttitude,
         lag_s: f64,
         calibrated: Option<&Configuration>,
+        added: Option<&Series>,
     ) -> Result<MeasuredData, MeasuredError> {
         if counts.is_empty() {
             return Err(MeasuredError::Empty);
@@ -195,6 +198,14 @@ impl MeasuredData {
             return Err(MeasuredError::Broken { good_s: good as f64 * block_s, common_s, min_s });
         }
         let (reference_sigma, smoothed) = calibrated.map_or((None, None), |calibrated| {
+            let mut counts = Cow::Borrowed(&counts);
+            if let Some(added) = added {
+                for (own, added) in counts.to_mut().accumulated.iter_mut().zip(added) {
+                    let last = added.last().copied().unwrap_or_default();
+                    let all = added.iter().copied().chain(std::iter::repeat(last));
+                    own.iter_mut().zip(all).for_each(|(own, added)| *own -= added);
+                }
+            }
             SmoothedReference::new(&counts, &reference, sigma_arcsec, calibrated, samples / BLOCK)
         });
         let smoothed = smoothed.map(Arc::new);
@@ -297,12 +308,6 @@ impl MeasuredData {
             }
             None => nodes(block).map(value).sum::<f64>() / BLOCK as f64,
         }
-    }
-
-    /// The recording with noise that changes from block to block.
-    #[must_use]
-    pub fn with_noise_scale(&self, scales: [Vec<f64>; TIMING]) -> MeasuredData {
-        MeasuredData { noise_scale: Some(Arc::new(scales)), ..self.clone() }
     }
 
     /// The recording with angles in place of counts, estimated for each gyro along the first of these paths that its counts do not

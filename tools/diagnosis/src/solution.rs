@@ -10,7 +10,7 @@ use geu_model::effect::{ClockFrequency, Effect};
 use crate::diagnosis_case::DiagnosisCase;
 use crate::fitted_hypothesis::FittedHypothesis;
 use crate::linear_signatures::LinearSignatures;
-use crate::measured::{BLOCK, CHANNELS, MeasuredData, ModelRun, Shifts};
+use crate::measured::{BLOCK, CHANNELS, MeasuredData, ModelRun, Series, Shifts, TIMING};
 use crate::model_selection::{MAX_PER_GYRO, Searches, SelectedModel, select_model};
 use crate::model_state::ModelState;
 use crate::noise;
@@ -164,9 +164,9 @@ impl<'a> Solution<'a> {
         Solution { case, start, bank, thresholds, selected, unknown_rate_arcsec_per_s, correlation }
     }
 
-    /// The recording with noise that changes from block to block, if the noise model as a whole does not describe its residual: that of a
+    /// Noise that changes from block to block, if the noise model as a whole does not describe its residual: that of a
     /// reference by cameras changes with the pose and the rate. Not of the default unit, of which the noise is configured.
-    pub fn uneven(&self, seed: u64) -> Option<MeasuredData> {
+    pub fn uneven(&self, seed: u64) -> Option<[Vec<f64>; TIMING]> {
         let Solution { case, selected, start, .. } = self;
         if case.nominal.device.is_iras() {
             return None;
@@ -180,8 +180,23 @@ impl<'a> Solution<'a> {
         let (residual, a_priori) = (case.residual(&selected.state), case.a_priori(&selected.state.calibration));
         let of_start = NormalEquations::new(case.whitenings(&start.noise), &residual, &case.nuisances, &a_priori);
         let left = of_start.projected_residual();
-        let scales = std::array::from_fn(|gyro| if is_uneven[gyro] { noise::scales(&left[gyro]) } else { Vec::new() });
-        Some(case.measured.with_noise_scale(scales))
+        Some(std::array::from_fn(|gyro| if is_uneven[gyro] { noise::scales(&left[gyro]) } else { Vec::new() }))
+    }
+
+    /// The recording with a noisy reference that is smoothed again without the effects: smoothing takes a part of them for motion.
+    pub fn smoothed_again(
+        &self,
+        smooth: impl Fn(&Configuration, &Series) -> Option<MeasuredData>,
+    ) -> Option<MeasuredData> {
+        let Solution { case, selected, .. } = self;
+        if case.measured.smoothed.is_none() || selected.state.held.is_empty() {
+            return None;
+        }
+        let without = ModelState { held: Vec::new(), ..selected.state.clone() };
+        let [with, path] = [&selected.state, &without].map(|state| case.run(state));
+        let added =
+            std::array::from_fn(|channel| with[channel].iter().zip(path[channel].iter()).map(|(a, b)| a - b).collect());
+        smooth(&without.configuration(case.nominal), &added)
     }
 
     pub fn is_closed_loop(&self) -> bool {

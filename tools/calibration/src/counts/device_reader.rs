@@ -22,6 +22,8 @@ const MAX_RUNS: usize = 10_000;
 /// A sample farther from its neighbours, in mean departures, is an outlier; and the samples from which the mean is known.
 const OUTLIER: f64 = 25.0;
 const SETTLED: u64 = 100;
+/// Smallest and largest of no sample.
+const NO_SAMPLE: [f64; 2] = [f64::INFINITY, f64::NEG_INFINITY];
 /// Temperature of a unit that sends none, °C.
 const UNKNOWN_C: f64 = 20.0;
 
@@ -33,8 +35,8 @@ pub struct ConstantRun {
     pub from: usize,
     pub to: usize,
     pub samples: u64,
-    /// Size of the value, arcsec.
-    pub size_arcsec: f64,
+    /// The value, arcsec.
+    pub arcsec: f64,
 }
 
 /// A recording of a described unit.
@@ -42,11 +44,9 @@ pub struct ConstantRun {
 pub struct DeviceRecording {
     /// Angles, arcsec.
     pub counts: AccumulatedCounts,
-    /// Samples of a node.
-    pub samples_per_node: usize,
     pub constant: Vec<ConstantRun>,
-    /// Size of the largest sample of each gyro, arcsec, and the nodes before the samples of this size.
-    pub largest: Vec<(f64, Vec<usize>)>,
+    /// Smallest and largest sample of each gyro after each node, arcsec.
+    pub extremes: Vec<Vec<[f64; 2]>>,
     /// Outliers that are left out, for each gyro.
     pub outliers: Vec<u64>,
     pub samples: u64,
@@ -76,9 +76,8 @@ struct Recent {
     count: u64,
     /// Node at the start of a run of one value, and its samples.
     run: (usize, u64),
-    /// Size of the largest sample, and the nodes before those of this size.
-    largest: f64,
-    at_largest: Vec<usize>,
+    /// Smallest and largest sample after each node.
+    extremes: Vec<[f64; 2]>,
 }
 
 /// Accumulates the samples of a described unit.
@@ -188,7 +187,9 @@ impl DeviceCountsReader {
             self.recording.constant.iter_mut().for_each(|run| (run.from, run.to) = (run.from / 2, run.to.div_ceil(2)));
             for recent in &mut self.recent {
                 recent.run.0 /= 2;
-                recent.at_largest.iter_mut().for_each(|node| *node /= 2);
+                let both =
+                    |two: &[[f64; 2]]| two.iter().fold(NO_SAMPLE, |all, own| [all[0].min(own[0]), all[1].max(own[1])]);
+                recent.extremes = recent.extremes.chunks(2).map(both).collect();
             }
         }
     }
@@ -198,18 +199,17 @@ impl DeviceCountsReader {
         let (node, recent) = (self.nodes.node, &mut self.recent[gyro]);
         let [last, before] = recent.values;
         recent.values = [arcsec, last];
-        if arcsec.abs() > recent.largest {
-            recent.largest = arcsec.abs();
-            recent.at_largest.clear();
-        }
-        if arcsec.abs() == recent.largest && recent.at_largest.len() < MAX_RUNS {
-            recent.at_largest.push(node);
+        // Not the sample that is no number, at the end.
+        if !arcsec.is_nan() {
+            recent.extremes.resize((node + 1).max(recent.extremes.len()), NO_SAMPLE);
+            let [low, high] = &mut recent.extremes[node];
+            (*low, *high) = (low.min(arcsec), high.max(arcsec));
         }
         if recent.count > 0 && arcsec == last {
             recent.run.1 += 1;
         } else {
             let (from, samples) = recent.run;
-            let run = ConstantRun { gyro, from, to: node + 1, samples, size_arcsec: last.abs() };
+            let run = ConstantRun { gyro, from, to: node + 1, samples, arcsec: last };
             if run.samples >= CONSTANT_SAMPLES && self.recording.constant.len() < MAX_RUNS {
                 self.recording.constant.push(run);
             }
@@ -246,20 +246,14 @@ impl DeviceCountsReader {
         let counts = self.nodes.finish_at(interval_s, start_ns)?;
         let Extras { constant, outliers, samples, missing, defects, left_out } = self.recording;
         let nodes = counts.node_s.len() - 1;
-        let constant = constant.into_iter().map(|run| ConstantRun { to: run.to.min(nodes), ..run }).collect();
-        let largest = self.recent.into_iter().map(|own| (own.largest, own.at_largest)).collect();
-        let samples_per_node = self.per_node;
-        Some(DeviceRecording {
-            counts,
-            samples_per_node,
-            constant,
-            largest,
-            outliers,
-            samples,
-            missing,
-            defects,
-            left_out,
-        })
+        let constant = constant
+            .into_iter()
+            .filter(|run| run.from < nodes)
+            .map(|run| ConstantRun { to: run.to.min(nodes), ..run })
+            .collect();
+        let cut = |own: Recent| own.extremes.into_iter().take(nodes).collect();
+        let extremes = self.recent.into_iter().map(cut).collect();
+        Some(DeviceRecording { counts, constant, extremes, outliers, samples, missing, defects, left_out })
     }
 }
 

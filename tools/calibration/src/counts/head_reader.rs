@@ -114,7 +114,8 @@ impl HeadReader {
     /// The angles of a row that lasts from one end to the other.
     pub fn angles(&self, row: &DeviceSample, (from, to): (f64, f64)) -> HeadAngles {
         let all = self.gyros;
-        let arcsec: Vec<f64> = self.heads.iter().map(|&(slot, arcsec)| row.values[slot] * arcsec).collect();
+        let finite = |arcsec: f64| if arcsec.is_finite() { arcsec } else { f64::NAN };
+        let arcsec: Vec<f64> = self.heads.iter().map(|&(slot, arcsec)| finite(row.values[slot] * arcsec)).collect();
         let flagged = |kind: BreakKind| {
             let own = self.flags.iter().filter(|own| own.3 == kind && row.values[own.0] == own.2);
             own.fold(all.with_mask(0), |gyros, own| gyros.and(all.only(own.1)))
