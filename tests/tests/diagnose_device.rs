@@ -149,3 +149,102 @@ fn rows_that_are_no_part_of_a_recording_are_counted() {
         left_out.map(|own| own["text"].as_str().expect("a text").split(' ').next().expect("a count")).collect();
     assert_eq!(counts, ["100", "600", "300"], "{findings:?}");
 }
+
+/// Findings and missing effects of a table of three heads about X, Y, Z in deg/s, at 20 rows a second for 400 s: each row by its number, its
+/// time and the rates of a motion by hand, compared with the true ones.
+fn of_table(row: impl Fn(usize, f64, [f64; 3]) -> Option<(f64, [f64; 3])>, celsius: impl Fn(f64) -> f64) -> Value {
+    let heads = ["1.0, 0.0, 0.0", "0.0, 1.0, 0.0", "0.0, 0.0, 1.0"].iter().zip(["X", "Y", "Z"]);
+    let heads: String =
+        heads.map(|(input, name)| format!("[[device.head]]\nname = \"{name}\"\ninput = [{input}]\n")).collect();
+    let fields = ["X", "Y", "Z"]
+        .map(|name| format!("{{ column = \"{name}\", head = \"{name}\", unit = \"deg/s\" }}"))
+        .join(", ");
+    let device = format!(
+        "[device]\nname = \"By hand\"\nsource = \"a test\"\ninterval_s = 0.05\noutput = \"rate\"\nrange_arcsec_s = 7200000.0\n{heads}\
+         [device.table]\ntime = {{ column = \"t\", unit = \"s\" }}\nfields = [{fields}]\n"
+    );
+    let rates = |t_s: f64| -> [f64; 3] {
+        std::array::from_fn(|axis| {
+            let part = |wave: usize| {
+                let frequency = 0.05 + 0.07 * (wave * 3 + axis) as f64 + 0.0113 * (wave * wave) as f64;
+                15.0 * (std::f64::consts::TAU * frequency * t_s + (axis + 2 * wave) as f64).sin()
+            };
+            (0..4).map(part).sum()
+        })
+    };
+    // Noise between ±0.05 deg/s by a hash of the number (SplitMix64).
+    let noise = |number: usize| {
+        let mut bits = (number as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        bits = (bits ^ bits >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        bits = (bits ^ bits >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        0.1 * ((bits ^ bits >> 31) >> 11) as f64 / (1u64 << 53) as f64 - 0.05
+    };
+    let (mut link, mut reference) = ("t,X,Y,Z\n".to_owned(), "t_s,wx_deg_s,wy_deg_s,wz_deg_s,sensor_c\n".to_owned());
+    for number in 1..=8000 {
+        let t_s = number as f64 * 0.05;
+        let true_rates = rates(t_s);
+        let [x, y, z] = true_rates;
+        reference.push_str(&format!("{t_s:.2},{x},{y},{z},{}\n", celsius(t_s)));
+        let noisy = std::array::from_fn(|axis| true_rates[axis] + noise(3 * number + axis));
+        if let Some((t_s, [x, y, z])) = row(number, t_s, noisy) {
+            link.push_str(&format!("{t_s:.6},{x:.5},{y:.5},{z:.5}\n"));
+        }
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = |name: &str| folder.path().join(name);
+    for (name, text) in [("unit.toml", &device), ("link.csv", &link), ("reference.csv", &reference)] {
+        fs::write(file(name), text).expect("written");
+    }
+    let arguments = ["diagnose", "--no-cache", "--device"];
+    let mut command = geu();
+    command.args(arguments).arg(file("unit.toml")).arg("--link").arg(file("link.csv"));
+    command.arg("--reference").arg(file("reference.csv")).arg("--json").arg(file("out.json"));
+    let output = command.output().expect("geu starts");
+    let text = fs::read_to_string(file("out.json"));
+    let text = text.unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&output.stderr)));
+    serde_json::from_str(&text).expect("JSON")
+}
+
+/// Kinds of the findings.
+fn findings(diagnosis: &Value) -> Vec<&str> {
+    diagnosis["findings"].as_array().expect("findings").iter().filter_map(|own| own["kind"].as_str()).collect()
+}
+
+#[test]
+fn exchanged_heads_late_samples_and_a_fast_clock_are_found_together() {
+    let late = |_, t_s: f64, [x, y, z]: [f64; 3]| Some((t_s * 1.003 + 0.8, [x, z, y]));
+    let diagnosis = of_table(late, |_| 20.0);
+    let named: Vec<String> = missing(&diagnosis).into_iter().map(|own| own.0).collect();
+    assert!(named.iter().any(|code| code == "axis-swap"), "{named:?}");
+    let value = |code: &str, name: &str| {
+        let effect = diagnosis["effects"].as_array().expect("effects").iter().find(|own| own["code"] == code);
+        effect.unwrap_or_else(|| panic!("{code} is not among {named:?}"))["parameters"][name]["value"].as_f64()
+    };
+    let ppm = value("clock-frequency", "ppm").expect("a number");
+    assert!((ppm - 3000.0).abs() < 20.0, "{ppm}");
+    let seconds = value("time-offset", "seconds").expect("a number");
+    assert!((seconds - 0.8).abs() < 0.03, "{seconds}");
+}
+
+#[test]
+fn clipped_output_is_told_from_stuck_output_in_any_unit() {
+    let clip = |rate: f64| (rate.clamp(-25.0, 24.9)).to_radians();
+    let diagnosis = of_table(|_, t_s, [x, y, z]| Some((t_s, [clip(x), y.to_radians(), z.to_radians()])), |_| 20.0);
+    let found = findings(&diagnosis);
+    assert!(
+        found.contains(&"clipped") && found.contains(&"unit-factor") && !found.contains(&"stuck-output"),
+        "{found:?}"
+    );
+    let stuck = |number: usize, t_s, [x, y, z]: [f64; 3]| Some((t_s, [x, if number > 3000 { 3.0 } else { y }, z]));
+    let diagnosis = of_table(stuck, |_| 20.0);
+    let found = findings(&diagnosis);
+    assert!(found.contains(&"stuck-output") && !found.contains(&"clipped"), "{found:?}");
+}
+
+#[test]
+fn a_drift_follows_the_temperature_of_the_reference() {
+    let celsius = |t_s: f64| 25.0 + 10.0 * (t_s / 60.0).sin() + 0.02 * t_s;
+    let drifting = |_, t_s, [x, y, z]: [f64; 3]| Some((t_s, [x, y + 0.001 * (celsius(t_s) - 25.0), z]));
+    let diagnosis = of_table(drifting, celsius);
+    assert_eq!(missing(&diagnosis), [("drift-temperature".to_owned(), vec!["Y".to_owned()])], "{diagnosis}");
+}

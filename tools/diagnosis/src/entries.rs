@@ -202,8 +202,11 @@ impl Entries<'_> {
             state.reset_undetermined_lag();
             return None;
         }
-        let (amplitude, ratio) =
-            self.constant_effect(self.case.nuisances.last()?, AmplitudeRef::is_of_unit, EXACT_SIGNATURE)?;
+        // Signatures of the bank are those of a clock without error.
+        let min_cosine = if self.case.measured.clock_ppm == 0.0 { EXACT_SIGNATURE } else { 0.0 };
+        let is_offset = |own: &AmplitudeRef| own.is_of_unit() && (min_cosine > 0.0 || own.number().unit == "s");
+        let (amplitude, ratio) = self.constant_effect(self.case.nuisances.last()?, is_offset, min_cosine)?;
+        let ratio = if min_cosine > 0.0 { ratio } else { 1.0 };
         // A part of it is that of the link.
         let link_s = if self.case.measured.counts.is_received { LINK_LAG_S } else { (0.0, 0.0) };
         let hypothesis = Hypothesis::constant(amplitude, (lag_s - link_s.0) * ratio, self.case.measured.gyros());

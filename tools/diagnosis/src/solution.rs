@@ -29,6 +29,8 @@ use geu_hypothesis::amplitude::AmplitudeRef;
 /// Margin by which a formula must be better than the catalogue, beside its family's threshold: assumed odds of e^2.5, twelve to one, that
 /// an effect is of the catalogue.
 const FORMULA_MARGIN: f64 = 5.0;
+/// Number of times that a noisy reference is smoothed without the effects: each leaves a part of what the one before took for motion.
+const SMOOTHINGS: usize = 3;
 /// Reduction of χ² from which an error of the clock is evident without a search: ten sigma.
 const EVIDENT_CHI2: f64 = 100.0;
 /// Maximum number of times that two hypotheses are added at once.
@@ -186,17 +188,29 @@ impl<'a> Solution<'a> {
     /// The recording with a noisy reference that is smoothed again without the effects: smoothing takes a part of them for motion.
     pub fn smoothed_again(
         &self,
-        smooth: impl Fn(&Configuration, &Series) -> Option<MeasuredData>,
+        smooth: &dyn Fn(&Configuration, &Series) -> Option<MeasuredData>,
     ) -> Option<MeasuredData> {
         let Solution { case, selected, .. } = self;
         if case.measured.smoothed.is_none() || selected.state.held.is_empty() {
             return None;
         }
-        let without = ModelState { held: Vec::new(), ..selected.state.clone() };
-        let [with, path] = [&selected.state, &without].map(|state| case.run(state));
-        let added =
-            std::array::from_fn(|channel| with[channel].iter().zip(path[channel].iter()).map(|(a, b)| a - b).collect());
-        smooth(&without.configuration(case.nominal), &added)
+        let nominal = case.nominal;
+        let smoothed = |case: &DiagnosisCase, state: &ModelState| {
+            let without = ModelState { held: Vec::new(), ..state.clone() };
+            let [with, path] = [state, &without].map(|state| case.run(state));
+            let added =
+                |channel: usize| with[channel].iter().zip(path[channel].iter()).map(|own| own.0 - own.1).collect();
+            smooth(&without.configuration(nominal), &std::array::from_fn(added))
+        };
+        let mut state = selected.state.clone();
+        let mut again = smoothed(case, &state)?;
+        for _ in 1..SMOOTHINGS {
+            let case = DiagnosisCase::new(&again, nominal);
+            state.held.iter_mut().for_each(FittedHypothesis::invalidate);
+            case.fit(&mut state);
+            again = smoothed(&case, &state)?;
+        }
+        Some(again)
     }
 
     pub fn is_closed_loop(&self) -> bool {
