@@ -151,7 +151,7 @@ fn rows_that_are_no_part_of_a_recording_are_counted() {
 }
 
 /// Findings and missing effects of a table of three heads about X, Y, Z in deg/s, at 20 rows a second for 400 s: each row by its number, its
-/// time and the rates of a motion by hand, compared with the true ones.
+/// time and the rates of a fast motion, compared with the true ones.
 fn of_table(row: impl Fn(usize, f64, [f64; 3]) -> Option<(f64, [f64; 3])>, celsius: impl Fn(f64) -> f64) -> Value {
     let heads = ["1.0, 0.0, 0.0", "0.0, 1.0, 0.0", "0.0, 0.0, 1.0"].iter().zip(["X", "Y", "Z"]);
     let heads: String =
@@ -160,7 +160,7 @@ fn of_table(row: impl Fn(usize, f64, [f64; 3]) -> Option<(f64, [f64; 3])>, celsi
         .map(|name| format!("{{ column = \"{name}\", head = \"{name}\", unit = \"deg/s\" }}"))
         .join(", ");
     let device = format!(
-        "[device]\nname = \"By hand\"\nsource = \"a test\"\ninterval_s = 0.05\noutput = \"rate\"\nrange_arcsec_s = 7200000.0\n{heads}\
+        "[device]\nname = \"Wrist\"\nsource = \"a test\"\ninterval_s = 0.05\noutput = \"rate\"\nrange_arcsec_s = 7200000.0\n{heads}\
          [device.table]\ntime = {{ column = \"t\", unit = \"s\" }}\nfields = [{fields}]\n"
     );
     let rates = |t_s: f64| -> [f64; 3] {
@@ -227,7 +227,7 @@ fn exchanged_heads_late_samples_and_a_fast_clock_are_found_together() {
 }
 
 #[test]
-fn clipped_output_is_told_from_stuck_output_in_any_unit() {
+fn clipped_output_is_not_stuck_output_in_any_unit() {
     let clip = |rate: f64| (rate.clamp(-25.0, 24.9)).to_radians();
     let diagnosis = of_table(|_, t_s, [x, y, z]| Some((t_s, [clip(x), y.to_radians(), z.to_radians()])), |_| 20.0);
     let found = findings(&diagnosis);

@@ -17,7 +17,7 @@ const TURN_S: f64 = 0.1;
 /// Number of segments, and nodes of the shortest one.
 const SEGMENTS: usize = 16;
 const SHORTEST: usize = 256;
-/// Largest lag beyond that of the segment before, s, and in nodes at least and at most.
+/// Largest lag beyond that of the segment before, s, and its limits in nodes.
 const REACH_S: f64 = 2.0;
 const REACH_NODES: [usize; 2] = [8, 512];
 /// Correlation from which a segment shows its lag, and the number of such segments that show the error of a clock.
@@ -47,7 +47,7 @@ struct Turns {
 }
 
 impl Alignment {
-    /// The alignment of a recording of a described unit; none if it is aligned as it is.
+    /// The alignment of a recording of a described unit; 0 if it is aligned as it is.
     pub fn find(counts: &AccumulatedCounts, configuration: &Configuration, reference: &ReferenceAttitude) -> Alignment {
         let turns = Turns::new(counts, configuration, reference);
         let lags = turns.lags();
@@ -113,7 +113,7 @@ impl Turns {
         }
         let [count, x, y, xx, xy, yy] = sums;
         let variances = (count * xx - x * x) * (count * yy - y * y);
-        // Half of the nodes at least.
+        // Fewer than half of the nodes show no correlation.
         if variances > 0.0 && 2.0 * count > nodes.len() as f64 { (count * xy - x * y) / variances.sqrt() } else { 0.0 }
     }
 

@@ -3,8 +3,8 @@
 use std::cell::LazyCell;
 use std::sync::Arc;
 
+use geu_calibration::CountsReader;
 use geu_calibration::window::ManoeuvreWindow;
-use geu_calibration::{CountsReader, DeviceRecording};
 use geu_model::Configuration;
 use geu_recording::{Defect, ReceivedSample, ReferenceAttitude, Sink};
 
@@ -15,7 +15,7 @@ use crate::measured::{
     MeasuredData, MeasuredError, ModelRun, ReferenceSigma, Series, Shifts, SmoothedReference, TIMING,
 };
 use crate::model_selection::{FEW_SAMPLES, SelectedModel};
-use crate::model_state::{LAG_S, ModelState};
+use crate::model_state::ModelState;
 use crate::motion_segments;
 use crate::noise;
 use crate::null_distribution::{kurtosis_limits, largest_growth};
@@ -24,11 +24,10 @@ use crate::report::admission::{self, Refused, SquaredGap, refuse};
 use crate::residual_map::residual_maps;
 use crate::residual_stats::{self, residual, windowed};
 use crate::shares::Shares;
-use crate::significance::THREE_SIGMAS;
-use crate::solution::{self, DiagnosisOptions, Solution};
+use crate::solution::{DiagnosisOptions, Solution};
 use crate::unexplained::unexplained;
 use crate::whiteness::{kurtosis, moment, whiteness_statistic};
-use geu_checks::{Alignment, Finding, WiringFault, check, check_heads};
+use geu_checks::{Finding, WiringFault, check};
 use geu_protocol::Gyros;
 
 /// χ² of two degrees of freedom that a walk of constant growth exceeds once in a thousand recordings.
@@ -59,54 +58,11 @@ pub fn diagnose_rows(
     Ok(diagnose(&measured, (raw, &|_, _| None), (checked.findings, checked.faults), nominal, options))
 }
 
-/// Diagnoses the recording of a described unit, exact checks included.
-///
-/// # Errors
-/// Recording and reference have too little in common.
-pub fn diagnose_device(
-    mut recording: DeviceRecording,
-    nominal: &Configuration,
-    reference: &ReferenceAttitude,
-    options: &DiagnosisOptions,
-) -> Result<Diagnosis, MeasuredError> {
-    (options.progress)("exact checks");
-    if !nominal.device.sends_temperature() {
-        recording.counts.take_temperatures(reference);
-    }
-    let device = Arc::new(nominal.device.at_nodes(recording.counts.interval_s));
-    let nominal = Configuration { device, ..nominal.clone() };
-    let raw = recording.counts.clone();
-    let Alignment { lag_s, clock_ppm: aligned_ppm } = Alignment::find(&raw, &nominal, reference);
-    recording.counts.correct_clock(aligned_ppm);
-    let checked = check_heads(recording, &nominal, &reference.later(lag_s));
-    let mut unsmoothed = MeasuredData::combined(checked.counts.clone(), reference, lag_s, None, None)?;
-    unsmoothed.clock_ppm = aligned_ppm;
-    let case = DiagnosisCase::new(&unsmoothed, &nominal);
-    let (fitted, clock_ppm) = solution::fitted_with_clock(&case);
-    // A lag within that of a link changes no attitude.
-    let lag_s = lag_s + fitted.shifts.lag_s;
-    let is_late = lag_s.abs() > LAG_S + THREE_SIGMAS * fitted.lag_sigma_s;
-    let lag_s = if is_late { lag_s } else { 0.0 };
-    let mut counts = checked.counts;
-    counts.node_s.clone_from(&raw.node_s);
-    counts.correct_clock(clock_ppm);
-    let combined = |calibrated: &Configuration, added: Option<&Series>| -> Result<MeasuredData, MeasuredError> {
-        let mut measured = MeasuredData::combined(counts.clone(), reference, lag_s, Some(calibrated), added)?;
-        measured.clock_ppm = if aligned_ppm == 0.0 { 0.0 } else { clock_ppm };
-        Ok(measured)
-    };
-    let measured = combined(&fitted.configuration(&nominal), None)?;
-    let smoothed = |calibrated: &Configuration, added: &Series| combined(calibrated, Some(added)).ok();
-    let has_changed = is_late || clock_ppm != 0.0 || !checked.faults.is_empty();
-    let raw = if has_changed { MeasuredData::combined(raw, reference, 0.0, None, None).ok() } else { None };
-    Ok(diagnose(&measured, (raw, &smoothed), (checked.findings, checked.faults), &nominal, options))
-}
-
 /// The recording with its reference smoothed again by calibrated gyros, without what effects add to their counts.
-type Smooth<'a> = &'a dyn Fn(&Configuration, &Series) -> Option<MeasuredData>;
+pub(crate) type Smooth<'a> = &'a dyn Fn(&Configuration, &Series) -> Option<MeasuredData>;
 
 /// Diagnoses a recording after the exact checks; `raw` is the recording before wiring faults were corrected, if there are any.
-fn diagnose(
+pub(crate) fn diagnose(
     measured: &MeasuredData,
     (raw, smooth): (Option<MeasuredData>, Smooth),
     (mut findings, faults): (Vec<Finding>, Vec<WiringFault>),

@@ -202,7 +202,7 @@ impl Entries<'_> {
             state.reset_undetermined_lag();
             return None;
         }
-        // Signatures of the bank are those of a clock without error.
+        // The bank is that of a clock without error.
         let min_cosine = if self.case.measured.clock_ppm == 0.0 { EXACT_SIGNATURE } else { 0.0 };
         let is_offset = |own: &AmplitudeRef| own.is_of_unit() && (min_cosine > 0.0 || own.number().unit == "s");
         let (amplitude, ratio) = self.constant_effect(self.case.nuisances.last()?, is_offset, min_cosine)?;

@@ -14,6 +14,7 @@ mod course_list;
 mod course_products;
 mod courses;
 mod cross_validation;
+mod described;
 mod diagnosis;
 pub mod diagnosis_case;
 pub mod discriminating_test;
@@ -53,7 +54,8 @@ mod unexplained;
 mod whiteness;
 pub mod whitening;
 
-pub use diagnosis::{diagnose_device, diagnose_rows};
+pub use described::diagnose_device;
+pub use diagnosis::diagnose_rows;
 pub use diagnosis_case::DiagnosisCase;
 pub use measured::{MeasuredData, MeasuredError};
 pub use null_distribution::Thresholds;

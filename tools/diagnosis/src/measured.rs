@@ -29,7 +29,7 @@ pub use series::{CHANNELS, ModelRun, Series, Shifts, TIMING};
 pub use smoothed_reference::SmoothedReference;
 
 use model_cache::ModelCache;
-use series::TIMING_UNIT_S;
+use series::{TIMING_UNIT_S, without};
 use temperature::between_readings;
 
 /// Nodes averaged into one block, of the default unit 5 s. Rounding and the limit cycle average out; a missing effect changes an angle over
@@ -198,23 +198,15 @@ impl MeasuredData {
             return Err(MeasuredError::Broken { good_s: good as f64 * block_s, common_s, min_s });
         }
         let (reference_sigma, smoothed) = calibrated.map_or((None, None), |calibrated| {
-            let mut counts = Cow::Borrowed(&counts);
-            if let Some(added) = added {
-                for (own, added) in counts.to_mut().accumulated.iter_mut().zip(added) {
-                    let last = added.last().copied().unwrap_or_default();
-                    let all = added.iter().copied().chain(std::iter::repeat(last));
-                    own.iter_mut().zip(all).for_each(|(own, added)| *own -= added);
-                }
-            }
+            let counts = added.map_or(Cow::Borrowed(&counts), |added| Cow::Owned(without(&counts, added)));
             SmoothedReference::new(&counts, &reference, sigma_arcsec, calibrated, samples / BLOCK)
         });
-        let smoothed = smoothed.map(Arc::new);
         smoothed.iter().for_each(|smoothed| leave_out_without_rows(smoothed, &mut blocks));
         let reference = Arc::new(smoothed.as_ref().map_or(reference, |smoothed| smoothed.motion.clone()));
         Ok(MeasuredData {
             counts,
             reference,
-            smoothed,
+            smoothed: smoothed.map(Arc::new),
             noise_scale: None,
             reference_sigma,
             samples,

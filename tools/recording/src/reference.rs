@@ -87,13 +87,13 @@ struct Trial {
 }
 
 impl ReferenceAttitude {
-    /// A truth whose time 0 is `start_ns`, with nothing beside the motion.
+    /// A truth that begins at `start_ns`: the motion alone.
     pub fn of_truth(start_ns: i64, truth: impl Into<Arc<RecordedAttitude>>) -> ReferenceAttitude {
         let (sigma_arcsec, celsius, time_system) = Default::default();
         ReferenceAttitude { start_ns, truth: truth.into(), sigma_arcsec, celsius, time_system }
     }
 
-    /// The same motion later by a lag.
+    /// Moves the motion later by a lag.
     #[must_use]
     pub fn later(&self, lag_s: f64) -> ReferenceAttitude {
         ReferenceAttitude { start_ns: self.start_ns + (lag_s * 1e9).round() as i64, ..self.clone() }

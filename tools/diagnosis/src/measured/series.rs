@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use geu_calibration::AccumulatedCounts;
 use geu_model::device::MAX_HEADS;
 
 /// The channel of the receive times, after the gyros; a unit with fewer gyros leaves channels empty.
@@ -24,3 +25,14 @@ pub struct Shifts {
 pub type Series = [Vec<f64>; CHANNELS];
 /// A run of the model: each channel at every node.
 pub type ModelRun = [Arc<Vec<f64>>; CHANNELS];
+
+/// The counts without what effects add to them; after the end of that the last of it.
+pub fn without(counts: &AccumulatedCounts, added: &Series) -> AccumulatedCounts {
+    let mut counts = counts.clone();
+    for (own, added) in counts.accumulated.iter_mut().zip(added) {
+        let last = added.last().copied().unwrap_or_default();
+        let all = added.iter().copied().chain(std::iter::repeat(last));
+        own.iter_mut().zip(all).for_each(|(own, added)| *own -= added);
+    }
+    counts
+}

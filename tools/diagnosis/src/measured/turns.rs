@@ -31,7 +31,7 @@ pub fn accumulated(attitudes: impl Iterator<Item = UnitQuaternion<f64>>, coning:
     attitudes.zip(coning).map(of_node).collect()
 }
 
-/// Coning in the interval before a node about the control axes, which are those of this inverse: each pair of gyros turns about the axis
+/// Coning in the interval before a node about the control axes of this inverse: each pair of gyros turns about the axis
 /// perpendicular to both.
 pub fn coning_about_axes(
     counts: &AccumulatedCounts,
