@@ -181,8 +181,7 @@ impl MeasuredData {
         leave_out(&counts.breaks, &mut blocks);
         let good = good(&blocks);
         let common_s = (counts.end_s().min(reference.end_s()) - start_s.max(0.0)).max(0.0);
-        let block_s = BLOCK as f64 * counts.interval_s;
-        let min_s = MIN_BLOCKS as f64 * block_s;
+        let [good_s, min_s] = [good, MIN_BLOCKS].map(|count| (count * BLOCK) as f64 * counts.interval_s);
         if covered < MIN_BLOCKS {
             let at = counts.start_s();
             return Err(MeasuredError::NoOverlap {
@@ -195,7 +194,7 @@ impl MeasuredData {
             });
         }
         if good < MIN_BLOCKS {
-            return Err(MeasuredError::Broken { good_s: good as f64 * block_s, common_s, min_s });
+            return Err(MeasuredError::Broken { good_s, common_s, min_s });
         }
         let (reference_sigma, smoothed) = calibrated.map_or((None, None), |calibrated| {
             let counts = added.map_or(Cow::Borrowed(&counts), |added| Cow::Owned(without(&counts, added)));
