@@ -236,7 +236,7 @@ impl SelectedModel {
 
     /// Removes hypotheses beside noise that changes, if their fall of χ² is below their threshold times the largest of `FEW_SAMPLES` and the
     /// ratio of the largest squared innovation to that of normal noise, which is 2 ln of the number of blocks, and times their
-    /// [`SelectedModel::clustering`]. Errors of the reference reach all gyros. Noise with long tails exceeds a threshold more often, also with
+    /// clustering. Errors of the reference reach all gyros. Noise with long tails exceeds a threshold more often, also with
     /// hypotheses that are not possible: the rejected ones are no evidence.
     pub fn drop_outliers(&mut self, case: &DiagnosisCase) {
         self.rejected = None;
