@@ -92,8 +92,8 @@ pub struct AccumulatedCounts {
     /// Sum of the increments of each gyro up to each node, counts.
     pub accumulated: Vec<Vec<f64>>,
     /// Coning of each gyro by each other one in the interval before each node: half the integral of the one's angle since the node before by the
-    /// other's, less the reverse. The turn of an interval is the sum of its increments only about an axis that does not move. Empty if each node is
-    /// a sample.
+    /// other's, less the reverse. The turn of an interval is the sum of its increments only about an axis that does not move. Empty for the
+    /// default unit.
     pub coning: Vec<Vec<Vec<f64>>>,
     /// Electronics temperature over the sample interval before each node, °C (node 0 as node 1).
     pub electronics_c: Vec<f64>,
@@ -197,6 +197,7 @@ impl AccumulatedCounts {
     pub fn multiply(&mut self, gyro: usize, factor: f64) {
         let of_others = self.coning.iter_mut().map(|own| &mut own[gyro]);
         of_others.chain([&mut self.accumulated[gyro]]).flatten().for_each(|value| *value *= factor);
+        self.rounded_to[gyro] *= factor.abs();
         self.coning.get_mut(gyro).into_iter().flatten().flatten().for_each(|value| *value *= factor);
     }
 

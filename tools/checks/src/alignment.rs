@@ -11,6 +11,7 @@ use geu_recording::ReferenceAttitude;
 use nalgebra::Vector3;
 
 use crate::median;
+use crate::moments::Moments;
 
 /// Time over which a turn is taken, s, or the interval of the nodes.
 const TURN_S: f64 = 0.1;
@@ -19,7 +20,8 @@ const SEGMENTS: usize = 16;
 const SHORTEST: usize = 256;
 /// Largest lag beyond that of the segment before, s, and its limits in nodes.
 const REACH_S: f64 = 2.0;
-const REACH_NODES: [usize; 2] = [8, 512];
+const MIN_REACH_NODES: i64 = 8;
+const MAX_REACH_NODES: i64 = 512;
 /// Correlation from which a segment shows its lag, and the number of such segments that show the error of a clock.
 const CORRELATED: f64 = 0.7;
 const MIN_SEGMENTS: usize = 4;
@@ -43,7 +45,7 @@ struct Turns {
     reference: Vec<f64>,
     first: usize,
     /// Intervals of a turn.
-    reach: usize,
+    turn_nodes: usize,
 }
 
 impl Alignment {
@@ -74,9 +76,9 @@ impl Turns {
     fn new(counts: &AccumulatedCounts, configuration: &Configuration, reference: &ReferenceAttitude) -> Turns {
         let matrix = sensing_matrix(configuration);
         let interval_s = counts.interval_s;
-        let reach = (TURN_S / interval_s).ceil().max(1.0) as usize;
+        let turn_nodes = (TURN_S / interval_s).ceil().max(1.0) as usize;
         let measured = |node: usize| {
-            let of_head = |angles: &Vec<f64>| (angles[node] - angles[node - reach]).powi(2);
+            let of_head = |angles: &Vec<f64>| (angles[node] - angles[node - turn_nodes]).powi(2);
             counts.accumulated.iter().map(of_head).sum::<f64>().sqrt()
         };
         let offset_s = counts.offset_s(reference);
@@ -88,33 +90,32 @@ impl Turns {
         let mut near = 0;
         let mut at = |place: usize| Vector3::from(reference.truth.at(place as f64 * interval_s, &mut near).0);
         let angles: Vec<Vector3<f64>> = (first..=last).map(&mut at).collect();
-        let turn = |ends: &[Vector3<f64>]| (&matrix * (ends[reach] - ends[0])).norm();
+        let turn = |ends: &[Vector3<f64>]| (&matrix * (ends[turn_nodes] - ends[0])).norm();
         Turns {
             interval_s,
             node_s: counts.node_s.iter().map(|node_s| node_s + offset_s).collect(),
-            measured: (0..counts.node_s.len()).map(|node| if node < reach { 0.0 } else { measured(node) }).collect(),
-            reference: vec![0.0; reach].into_iter().chain(angles.windows(reach + 1).map(turn)).collect(),
+            measured: (0..counts.node_s.len())
+                .map(|node| if node < turn_nodes { 0.0 } else { measured(node) })
+                .collect(),
+            reference: vec![0.0; turn_nodes].into_iter().chain(angles.windows(turn_nodes + 1).map(turn)).collect(),
             first,
-            reach,
+            turn_nodes,
         }
     }
 
     /// Correlation of the turns at these nodes, with the lag of each.
     fn correlation_of(&self, nodes: std::ops::Range<usize>, lag_s: impl Fn(f64) -> f64) -> f64 {
-        let mut sums = [0.0; 6];
-        for node in nodes.start.max(self.reach)..nodes.end {
+        let mut moments = Moments::default();
+        for node in nodes.start.max(self.turn_nodes)..nodes.end {
             let node_s = self.node_s[node];
             let place = ((node_s - lag_s(node_s - self.node_s[0])) / self.interval_s).round() - self.first as f64;
-            if place < self.reach as f64 || place >= self.reference.len() as f64 {
+            if place < self.turn_nodes as f64 || place >= self.reference.len() as f64 {
                 continue;
             }
-            let (x, y) = (self.reference[place as usize], self.measured[node]);
-            sums.iter_mut().zip([1.0, x, y, x * x, x * y, y * y]).for_each(|(sum, own)| *sum += own);
+            moments.add(self.reference[place as usize], self.measured[node]);
         }
-        let [count, x, y, xx, xy, yy] = sums;
-        let variances = (count * xx - x * x) * (count * yy - y * y);
         // Fewer than half of the nodes show no correlation.
-        if variances > 0.0 && 2.0 * count > nodes.len() as f64 { (count * xy - x * y) / variances.sqrt() } else { 0.0 }
+        if 2.0 * moments.count > nodes.len() as f64 { moments.correlation() } else { 0.0 }
     }
 
     fn correlation(&self, alignment: Alignment) -> f64 {
@@ -125,7 +126,7 @@ impl Turns {
     /// Time and lag of the segments that show one.
     fn lags(&self) -> Vec<(f64, f64)> {
         let length = (self.node_s.len() / SEGMENTS).max(SHORTEST);
-        let reach = ((REACH_S / self.interval_s) as i64).clamp(REACH_NODES[0] as i64, REACH_NODES[1] as i64);
+        let reach = ((REACH_S / self.interval_s) as i64).clamp(MIN_REACH_NODES, MAX_REACH_NODES);
         let (mut found, mut before) = (Vec::new(), 0);
         for segment in 0..self.node_s.len() / length {
             let nodes = segment * length..(segment + 1) * length;

@@ -57,10 +57,9 @@ pub fn check_heads(
     let turned = turns(&counts, reference);
     let heads = counts.gyros.heads();
     // What a run of one value does not show of the turn is known in the right unit.
-    let runs: Vec<_> = constant.iter().map(|own| (own.gyro, own.from, own.to)).collect();
     for head in 0..heads {
-        let excluded = |without: &[_]| Follows::find(head, &counts, without, &turned, &matrix, configuration);
-        let Some(own) = excluded(&runs).or_else(|| excluded(&[])) else { continue };
+        let excluded = |without: &[ConstantRun]| Follows::find(head, &counts, without, &turned, &matrix, configuration);
+        let Some(own) = excluded(&constant).or_else(|| excluded(&[])) else { continue };
         let Some(factor) = own.wrong_unit() else { continue };
         let known = known_factor(factor);
         let likely = known.map_or(String::new(), |(_, name)| format!(", as by {name}"));
@@ -246,14 +245,14 @@ impl Follows {
     fn find(
         head: usize,
         counts: &AccumulatedCounts,
-        without: &[(usize, usize, usize)],
+        without: &[ConstantRun],
         turned: &[Option<Vector3<f64>>],
         matrix: &MatrixXx3<f64>,
         configuration: &Configuration,
     ) -> Option<Follows> {
         let mut is_broken = vec![false; turned.len()];
         let breaks = counts.breaks.iter().filter(|found| found.gyros[head]).map(|found| found.from..found.to);
-        let without = without.iter().filter(|own| own.0 == head).map(|own| own.1..own.2);
+        let without = without.iter().filter(|run| run.gyro == head).map(|run| run.from..run.to);
         breaks.chain(without).for_each(|nodes| is_broken[nodes].fill(true));
         let scale_factor = configuration.gyros[head].calibration.scale_factor;
         let mut windows: Vec<(f64, Vector3<f64>)> = Vec::new();

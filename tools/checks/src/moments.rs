@@ -31,7 +31,15 @@ impl Moments {
         moments
     }
 
-    fn add(&mut self, x: f64, y: f64) {
+    /// Correlation; 0 if a series does not change.
+    pub fn correlation(&self) -> f64 {
+        let Moments { count, x, y, xx, xy, yy } = self;
+        let variances = (count * xx - x * x) * (count * yy - y * y);
+        if variances > 0.0 { (count * xy - x * y) / variances.sqrt() } else { 0.0 }
+    }
+
+    /// Adds a pair.
+    pub fn add(&mut self, x: f64, y: f64) {
         self.count += 1.0;
         self.x += x;
         self.y += y;

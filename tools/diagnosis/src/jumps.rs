@@ -34,3 +34,41 @@ impl MeasuredData {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    use geu_calibration::AccumulatedCounts;
+    use geu_hypothesis::amplitude::AmplitudeRef;
+    use geu_model::Configuration;
+    use geu_model::attitude::{AttitudeRow, RecordedAttitude};
+    use geu_recording::ReferenceAttitude;
+
+    #[test]
+    fn lost_counts_need_a_sample_that_differs_from_those_beside_it() {
+        let row = |node: usize| AttitudeRow {
+            t_s: node as f64 * 0.5,
+            angle_control_arcsec: [0.0; 3],
+            theta_psi_rad: Some((1.5, 0.0)),
+        };
+        let truth = RecordedAttitude::new(&(0..=3000).map(row).collect::<Vec<_>>()).expect("a truth");
+        let mut counts = AccumulatedCounts::starting_at(0);
+        // Half a count of rounding, and 40 counts in the sample that ends at 500 s on the first gyro alone.
+        for node in 1..=2400 {
+            let rounding = f64::from(u8::from(node % 3 == 0));
+            let lost = if node == 1000 { 40.0 } else { 0.0 };
+            counts.push(node as f64 * 0.5, &[rounding + lost, rounding, 0.0, 0.0], 20.0);
+        }
+        let reference = ReferenceAttitude::of_truth(0, truth);
+        let measured = MeasuredData::new(counts, &reference, &Configuration::reference()).expect("long enough");
+        let all = AmplitudeRef::all(&Configuration::reference().device);
+        let amplitude = all.into_iter().find(|own| own.is_count() && own.kind.is_none()).expect("lost counts");
+        let lost = |gyro: usize, counts: f64| {
+            let constant = Hypothesis::constant(amplitude, counts, measured.gyros().only(gyro));
+            let lost = Hypothesis { own_shapes: vec![499.8], ..constant };
+            measured.contradicts(&lost)
+        };
+        assert!(!lost(0, 40.0) && lost(1, 40.0) && !lost(1, 2.0));
+    }
+}

@@ -120,7 +120,7 @@ impl<'a> Solution<'a> {
         let all = LazyCell::new(|| catalogue.and(&formulas));
         // A clock that the alignment found is a part of the model from the start: far from it no signature is right.
         let mut seeded = start.clone();
-        seeded.held.extend(clock(&case).filter(|_| measured.clock_ppm != 0.0));
+        seeded.held.extend(aligned_clock(&case));
         let key = key(&nominal.device, measured, &path, &noise, contains_noise, options.seed);
         let thresholds = (options.known)(key).unwrap_or_else(|| {
             progress("thresholds");
@@ -236,7 +236,7 @@ impl<'a> Solution<'a> {
 
 /// Calibration parameters and lag fitted without an effect, beside the error of the clock by which the nodes are dated.
 fn fitted(case: &DiagnosisCase) -> ModelState {
-    let clock = clock(case).filter(|_| case.measured.clock_ppm != 0.0);
+    let clock = aligned_clock(case);
     let mut nominal = case.nominal.clone();
     clock.iter().for_each(|own| own.hypothesis.apply(&mut nominal));
     let before = case.measured.run(&nominal, Shifts::default());
@@ -254,6 +254,11 @@ fn clock(case: &DiagnosisCase) -> Option<FittedHypothesis> {
     let mut all = AmplitudeRef::all(&case.nominal.device).into_iter();
     let clock = all.find(|own| own.code() == ClockFrequency::SPEC.code && !counts.is_received)?;
     Some(FittedHypothesis::new(Hypothesis::constant(clock, *clock_ppm, counts.gyros)))
+}
+
+/// The error of the clock that the alignment found, if it did.
+fn aligned_clock(case: &DiagnosisCase) -> Option<FittedHypothesis> {
+    clock(case).filter(|_| case.measured.clock_ppm != 0.0)
 }
 
 /// Calibration parameters and lag fitted without an effect, and the error of a clock by which nodes without receive times are dated, ppm: 0

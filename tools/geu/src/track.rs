@@ -153,7 +153,7 @@ fn track<D: Decode>(
     let mut writer = Writer {
         out: arguments.out.as_ref(),
         format,
-        every: interval_s.map_or(1, |interval_s| ((TEXT_S / interval_s) as u64).max(1)),
+        every: interval_s.map_or(1, |interval_s| ((TEXT_S / interval_s).round() as u64).max(1)),
         is_described: interval_s.is_some(),
         push,
         output: None,

@@ -96,7 +96,7 @@ impl ReferenceAttitude {
     /// Moves the motion later by a lag.
     #[must_use]
     pub fn later(&self, lag_s: f64) -> ReferenceAttitude {
-        ReferenceAttitude { start_ns: self.start_ns + (lag_s * 1e9).round() as i64, ..self.clone() }
+        ReferenceAttitude { start_ns: self.start_ns.saturating_add((lag_s * 1e9).round() as i64), ..self.clone() }
     }
 
     /// Reads a file, which may be compressed.

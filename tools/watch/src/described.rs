@@ -135,6 +135,9 @@ impl DeviceMonitor {
 
     /// Adds a sample; returns what it changed.
     pub fn push(&mut self, row: &DeviceSample) -> Vec<Event> {
+        if self.reader.is_of_other_trial(row) {
+            return Vec::new();
+        }
         let Some((from, to)) = self.reader.place(row) else { return Vec::new() };
         if !std::mem::replace(&mut self.is_begun, true) {
             // Without receive times the number counts from the start.

@@ -10,8 +10,9 @@ use super::{Reason, Track, TrackerEvent, Turned};
 use crate::counts::{BreakKind, HeadAngles, HeadReader};
 use crate::transfer::sensing_matrix;
 
-/// Smallest singular value of the axes of heads in use, relative to one head: theirs span three axes.
-const MIN_SINGULAR: f64 = 1e-3;
+/// Minimum eigenvalue of the normal matrix of the heads in use: 1 with a head along each axis, 0.33 of three heads of a tetrad, the square of a
+/// misalignment where a head is missing.
+const MIN_EIGENVALUE: f64 = 0.01;
 /// Heads that determine an attitude without redundancy.
 const AXES: usize = 3;
 
@@ -128,11 +129,12 @@ impl DeviceTracker {
     }
 }
 
-/// The rotation about the control axes from those about the axes of these heads, fitted to them; `None` if they do not determine it.
+/// The rotation about the control axes from those about the axes of these heads, fitted to them; `None` if they do not determine it, or only by
+/// their misalignments.
 pub fn rotation_of_heads(axes: &MatrixXx3<f64>, heads: Gyros) -> Option<Matrix3xX<f64>> {
     let mut used = axes.clone();
     (0..heads.heads()).filter(|&gyro| !heads[gyro]).for_each(|gyro| used.row_mut(gyro).fill(0.0));
     let square = used.transpose() * &used;
-    let is_determined = square.symmetric_eigenvalues().min() > MIN_SINGULAR * MIN_SINGULAR;
+    let is_determined = square.symmetric_eigenvalues().min() > MIN_EIGENVALUE;
     square.try_inverse().filter(|_| is_determined).map(|inverse| inverse * used.transpose())
 }

@@ -11,13 +11,13 @@
 
 use crate::significance::MEDIAN_OF_NORMAL;
 use geu_calibration::AccumulatedCounts;
+use geu_calibration::track::rotation_of_heads;
 use geu_calibration::transfer::sensing_matrix;
 use geu_checks::median;
 use geu_model::Configuration;
 use geu_model::attitude::{AttitudeRow, RecordedAttitude};
 use geu_model::units::{ARCSEC_PER_RAD, SAMPLE_INTERVAL_S};
-use geu_protocol::Gyros;
-use nalgebra::{DVector, Matrix3xX, MatrixXx3, UnitQuaternion, Vector3};
+use nalgebra::{DVector, MatrixXx3, UnitQuaternion, Vector3};
 
 use super::reference_sigma::{ReferenceSigma, with_rounding};
 use super::smoothing::{LineSums, Point, REACH_ROWS, REACHES, SHORT_REACHES, without_rounding};
@@ -37,8 +37,6 @@ const FAR_ROWS: usize = 4;
 const FAR_NODES: f64 = 4.0;
 /// A row farther from the smoothed difference, in sigmas, is a glitch.
 const GLITCH_SIGMAS: f64 = 8.0;
-/// Minimum eigenvalue of the normal matrix of the gyros in use: 1 with a gyro along each axis, the square of a misalignment without.
-const MIN_EIGENVALUE: f64 = 0.5;
 /// A smoothed reference.
 #[derive(Debug)]
 pub struct SmoothedReference {
@@ -93,7 +91,7 @@ impl SmoothedReference {
     ) -> (Option<ReferenceSigma>, Option<SmoothedReference>) {
         let matrix = sensing_matrix(nominal);
         // Two gyros do not show a motion.
-        if inverse(&matrix, counts.gyros.with_mask(0)).is_none() {
+        if rotation_of_heads(&matrix, counts.gyros).is_none() {
             return (None, None);
         }
         let (turned, coning) = rotation(counts, reference, &matrix, nominal);
@@ -242,7 +240,7 @@ fn rotation(
             *node = node.and(found.gyros);
         }
     }
-    let all = inverse(matrix, none);
+    let all = rotation_of_heads(matrix, counts.gyros);
     let (mut near, mut sum) = (0, Vector3::zeros());
     let mut before = Vector3::from(reference.at(counts.node_s[0], &mut near).0);
     let mut of_node = |node: usize| {
@@ -250,7 +248,10 @@ fn rotation(
         let mut coning = Vector3::zeros();
         if node > 0 {
             let moved = now - before;
-            let without = if is_broken[node].is_empty() { all.clone() } else { inverse(matrix, is_broken[node]) };
+            let without = match is_broken[node].is_empty() {
+                true => all.clone(),
+                false => rotation_of_heads(matrix, counts.gyros.without(is_broken[node])),
+            };
             let sensed = DVector::from_fn(matrix.nrows(), |gyro, _| {
                 if is_broken[node][gyro] && without.is_none() {
                     return (matrix.row(gyro) * moved)[0];
@@ -269,16 +270,6 @@ fn rotation(
         (sum, coning)
     };
     (0..counts.node_s.len()).map(&mut of_node).unzip()
-}
-
-/// Rotation from sensed angles by least squares, without broken gyros; `None` if the others do not determine it, or only by their
-/// misalignments.
-fn inverse(matrix: &MatrixXx3<f64>, is_broken: Gyros) -> Option<Matrix3xX<f64>> {
-    let mut used = matrix.clone();
-    (0..used.nrows()).filter(|&gyro| is_broken[gyro]).for_each(|gyro| used.row_mut(gyro).fill(0.0));
-    let normal = used.transpose() * &used;
-    let is_determined = normal.symmetric_eigenvalues().min() > MIN_EIGENVALUE;
-    is_determined.then_some(normal.try_inverse()? * used.transpose())
 }
 
 /// A motion with these accumulated angles at the nodes, and θ and ψ of the reference.
