@@ -195,8 +195,9 @@ fn add(node: &Node, at: usize, frame: &mut Frame, fields: &mut Fields) -> Result
     } else if has("parts") {
         node.only(&["parts", "type"])?;
         let word = BitField::bytes(at, unsigned(node)?);
+        let mut taken = 0;
         for part in node.tables("parts")? {
-            add_part(&part, word, frame, fields)?;
+            add_part(&part, (word, &mut taken), frame, fields)?;
         }
     } else {
         let place = BitField::bytes(at, number(node)?);
@@ -205,8 +206,13 @@ fn add(node: &Node, at: usize, frame: &mut Frame, fields: &mut Fields) -> Result
     Ok(())
 }
 
-/// Adds a part of a word: a number, named bits, or a constant.
-fn add_part(part: &Node, word: BitField, frame: &mut Frame, fields: &mut Fields) -> Result<(), ConfigurationError> {
+/// Adds a part of a word, of which earlier parts have taken bits: a number, named bits, or a constant.
+fn add_part(
+    part: &Node,
+    (word, taken): (BitField, &mut u64),
+    frame: &mut Frame,
+    fields: &mut Fields,
+) -> Result<(), ConfigurationError> {
     if let Some(bits) = part.table("bits")? {
         part.only(&["bits"])?;
         frame.fields.extend(fields.bits(&bits, word)?);
@@ -218,7 +224,12 @@ fn add_part(part: &Node, word: BitField, frame: &mut Frame, fields: &mut Fields)
     };
     let first = whole("first", 0, u64::from(word.bits) - 1)? as u32;
     let mut place = word.bits_of(first, whole("length", 1, u64::from(word.bits - first))? as u32);
-    let largest = (1 << place.bits) - 1;
+    let largest = u64::MAX >> (u64::BITS - place.bits);
+    if *taken & largest << first != 0 {
+        let message = format!("expected a part with bits of its own in {}, got bits of an earlier part", frame.name);
+        return Err(part.error("first", message));
+    }
+    *taken |= largest << first;
     if part.keys().contains(&"constant") {
         part.only(&["constant", "first", "length"])?;
         frame.set_selector(place, whole("constant", 0, largest)?);

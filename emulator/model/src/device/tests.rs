@@ -326,6 +326,7 @@ fn parts_of_a_word_and_sums_of_words_are_as_described() {
     for (part, expected) in [
         ("{ constant = 2, first = 7, length = 1 }", "a whole number from 0 to 1"),
         ("{ constant = 1, first = 6, length = 1 }", "bits of its own"),
+        ("{ ignored = 1, first = 6, length = 1 }", "bits of its own"),
         ("{ ignored = 1, first = 7, length = 2 }", "a whole number from 1 to 1"),
         ("{ ignored = -1, first = 7, length = 1 }", "a whole number of 0 or more"),
     ] {
