@@ -196,7 +196,9 @@ impl<'a> Solution<'a> {
         }
         let nominal = case.nominal;
         let smoothed = |case: &DiagnosisCase, state: &ModelState| {
-            let without = ModelState { held: Vec::new(), ..state.clone() };
+            // The times of the nodes contain the error of the clock.
+            let mut without = state.clone();
+            without.held.retain(|held| held.hypothesis.amplitude.code() == ClockFrequency::SPEC.code);
             let [with, path] = [state, &without].map(|state| case.run(state));
             let added =
                 |channel: usize| with[channel].iter().zip(path[channel].iter()).map(|own| own.0 - own.1).collect();
