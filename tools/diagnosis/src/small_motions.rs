@@ -124,7 +124,7 @@ fn turned(counts: &[f64]) -> f64 {
     max - min
 }
 
-/// True for a described unit beside a noisy reference, or one of uneven noise: an effect that withholds motions withholds the errors of the reference as well, which may
+/// True for a described unit beside a reference of noise, even or uneven: an effect that withholds motions withholds the errors of the reference as well, which may
 /// be as large as any motion.
 pub fn has_noisy_motion(measured: &MeasuredData, nominal: &Configuration) -> bool {
     (measured.smoothed.is_some() || measured.noise_scale.is_some()) && !nominal.device.is_iras()

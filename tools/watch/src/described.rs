@@ -135,10 +135,8 @@ impl DeviceMonitor {
 
     /// Adds a sample; returns what it changed.
     pub fn push(&mut self, row: &DeviceSample) -> Vec<Event> {
-        if self.reader.is_of_other_trial(row) {
-            return Vec::new();
-        }
-        let Some((from, to)) = self.reader.place(row) else { return Vec::new() };
+        let is_own = !self.reader.is_of_other_trial(row);
+        let Some((from, to)) = self.reader.place(row).filter(|_| is_own) else { return Vec::new() };
         if !std::mem::replace(&mut self.is_begun, true) {
             // Without receive times the number counts from the start.
             let start_ns = |time: i64| time.saturating_sub((self.interval_s * 1e9) as i64);

@@ -25,9 +25,7 @@ pub trait ControlBackend: Send + Sync + 'static {
     /// Parameters, faults and commands, with at least `parameters`. Constant during a run.
     fn catalogue(&self) -> Value;
     /// All gyros of the unit.
-    fn gyros(&self) -> Gyros {
-        Gyros::ALL
-    }
+    fn gyros(&self) -> Gyros;
     /// Fields of the frames of a sample. Constant during a run.
     fn layout(&self) -> Value {
         protocol_json::layout()

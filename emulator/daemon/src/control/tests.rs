@@ -1,5 +1,6 @@
 //! The control interface over TCP, with a fake backend.
 
+use geu_protocol::Gyros;
 use std::collections::BTreeSet;
 use std::io::{Read, Write};
 use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream};
@@ -22,6 +23,10 @@ struct FakeBackend {
 }
 
 impl ControlBackend for FakeBackend {
+    fn gyros(&self) -> Gyros {
+        Gyros::ALL
+    }
+
     fn status(&self) -> Value {
         json!({ "t_s": 1.5, "lateness": { "count": 3 }, "truth": { "theta_deg": 90.0 } })
     }
