@@ -256,3 +256,28 @@ fn a_drift_follows_the_temperature_of_the_reference() {
     let diagnosis = of_table(drifting, celsius, 0.0);
     assert_eq!(missing(&diagnosis), [("drift-temperature".to_owned(), vec!["Y".to_owned()])], "{diagnosis}");
 }
+
+#[test]
+fn output_without_noise_is_stuck_where_the_unit_does_not_turn_about_its_axis() {
+    let dead = injected("dead-output", &[0], &[("time_s", 400.0), ("duration_s", 80.0)]);
+    let (_, diagnosis) = diagnosed("mm5.10", 76, DeviceMotionKind::Table, 900.0, dead);
+    assert_eq!(missing(&diagnosis), [("stuck-output-pulse".to_owned(), vec!["Z".to_owned()])], "{diagnosis}");
+    let duration_s = diagnosis["effects"][0]["parameters"]["duration_s"]["value"].as_f64().expect("a number");
+    assert!((duration_s - 80.0).abs() < 0.5, "{duration_s}");
+    assert!(!findings(&diagnosis).contains(&"outliers"), "{diagnosis}");
+}
+
+#[test]
+fn few_lost_samples_of_many_are_interpolated() {
+    let lost = injected("lost-samples", &[], &[("share", 0.05)]);
+    let (_, diagnosis) = diagnosed("tetrad", 77, DeviceMotionKind::Hand, 900.0, lost);
+    assert_eq!((missing(&diagnosis), &diagnosis["verdict"]), (vec![], &Value::from("consistent")), "{diagnosis}");
+    assert!(findings(&diagnosis).contains(&"samples-lost"), "{diagnosis}");
+}
+
+#[test]
+fn another_unit_of_the_output_explains_a_recording() {
+    let factor = injected("unit-factor", &[], &[("factor", 1f64.to_radians())]);
+    let (_, diagnosis) = diagnosed("stim300", 78, DeviceMotionKind::Table, 900.0, factor);
+    assert_eq!((missing(&diagnosis), &diagnosis["verdict"]), (vec![], &Value::from("explained")), "{diagnosis}");
+}

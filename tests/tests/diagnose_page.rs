@@ -122,7 +122,7 @@ fn a_pivot_clearance_is_shown_with_both_residuals_search_and_segments() {
     assert_eq!(diagnosed.code, Some(0), "{}", diagnosed.report);
     diagnosed.assert_whole();
     let page = &diagnosed.page;
-    assert!(page.contains("<strong>explained</strong>: the residual is noise with the effects below."));
+    assert!(page.contains("<strong>explained</strong>: the residual is noise with the effects and corrections below."));
     assert!(page.contains("<li>GYRX: pivot-clearance\n<ul>\n<li>clearance_arcsec: 11."), "the effect found");
     assert!(diagnosed.report.contains("\n  GYRX: pivot-clearance\n    clearance_arcsec  "), "{}", diagnosed.report);
     assert!(diagnosed.report.lines().all(|line| line.chars().count() <= 100), "{}", diagnosed.report);

@@ -21,6 +21,8 @@ pub use reader::CountsReader;
 pub enum BreakKind {
     /// Number of missing samples.
     Gap(u64),
+    /// Number of missing samples that are interpolated.
+    Interpolated(u64),
     /// Sequence and clock do not follow from those before.
     Jump,
     Reset,
@@ -41,8 +43,8 @@ pub enum BreakKind {
 impl std::fmt::Display for BreakKind {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         match self {
-            BreakKind::Gap(1) => write!(f, "1 sample is missing"),
-            BreakKind::Gap(count) => write!(f, "{count} samples are missing"),
+            BreakKind::Gap(1) | BreakKind::Interpolated(1) => write!(f, "1 sample is missing"),
+            BreakKind::Gap(count) | BreakKind::Interpolated(count) => write!(f, "{count} samples are missing"),
             BreakKind::Jump => write!(f, "sequence and clock jump"),
             BreakKind::Reset => write!(f, "the unit restarted"),
             BreakKind::TimeJump => write!(f, "receive times jump"),

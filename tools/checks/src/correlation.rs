@@ -6,6 +6,7 @@ use super::compared::CountComparison;
 use super::findings::FindingCollector;
 use super::moments::Moments;
 use super::wiring_hypothesis::apply;
+use crate::Finding;
 
 /// Largest scale error of a factor; effects reach 5 %.
 const MAX_SCALE_ERROR: f64 = 0.1;
@@ -105,7 +106,7 @@ pub fn wrong_units(compared: &mut CountComparison, findings: &mut FindingCollect
         wrong += 1;
         let likely = known_factor(factor.abs()).map_or(String::new(), |(_, name)| format!(", as by {name}"));
         let text = format!("counts are {factor:.6} times what the motion predicts{likely}");
-        findings.whole("unit-factor", Some(gyro), text);
+        findings.whole(Finding::UNIT_FACTOR, Some(gyro), text);
         compared.samples.iter_mut().for_each(|sample| sample.is_used[gyro.index()] = false);
     }
     wrong < 2

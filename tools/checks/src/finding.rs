@@ -12,3 +12,8 @@ pub struct Finding {
     /// A plain sentence.
     pub text: String,
 }
+
+impl Finding {
+    /// Kind of a finding of output in another unit.
+    pub const UNIT_FACTOR: &str = "unit-factor";
+}

@@ -8,7 +8,7 @@ use std::ops::Range;
 use geu_calibration::counts::{AccumulatedCounts, BreakKind, ConstantRun, DeviceRecording, Discontinuity};
 use geu_calibration::transfer::sensing_matrix;
 use geu_hypothesis::Hypothesis;
-use geu_hypothesis::amplitude::{AmplitudeRef, STEP};
+use geu_hypothesis::amplitude::{AmplitudeRef, PULSE, STEP};
 use geu_model::Configuration;
 use geu_model::fault::ParameterRef;
 use geu_protocol::{Gyro, Gyros};
@@ -57,16 +57,23 @@ pub fn check_heads(
     let turned = turns(&counts, reference);
     let heads = counts.gyros.heads();
     // What a run of one value does not show of the turn is known in the right unit.
-    for head in 0..heads {
+    let follows = |head: usize| {
         let excluded = |without: &[ConstantRun]| Follows::find(head, &counts, without, &turned, &matrix, configuration);
-        let Some(own) = excluded(&constant).or_else(|| excluded(&[])) else { continue };
-        let Some(factor) = own.wrong_unit() else { continue };
-        let known = known_factor(factor);
-        let likely = known.map_or(String::new(), |(_, name)| format!(", as by {name}"));
-        let text = format!("the output is {factor:.6} times what the motion predicts{likely}: it is divided by that");
+        excluded(&constant).or_else(|| excluded(&[])).filter(|own| own.explained > EXPLAINED)
+    };
+    let measured: Vec<Option<f64>> = (0..heads).map(|head| follows(head).map(|own| own.unit())).collect();
+    // Heads that the motion does not turn are in the unit of all others.
+    let exact = |factor: f64| known_factor(factor).map_or(factor, |known| known.0);
+    let mut others = measured.iter().flatten().copied().map(exact);
+    let common = others.next().filter(|first| others.all(|other| other == *first));
+    for (head, measured) in measured.into_iter().enumerate() {
+        let Some(factor) = measured.or(common).filter(|factor| *factor != 1.0) else { continue };
+        let likely = known_factor(factor).map_or(String::new(), |(_, name)| format!(", as by {name}"));
+        let by = if measured.is_some() { "what the motion predicts" } else { "the angle, as that of the others" };
+        let text = format!("the output is {factor:.6} times {by}{likely}: it is divided by that");
         let place = configuration.device.heads[head].gyro.name().to_owned();
-        findings.push(Finding { kind: "unit-factor".to_owned(), place, text });
-        counts.multiply(head, 1.0 / known.map_or(factor, |known| known.0));
+        findings.push(Finding { kind: Finding::UNIT_FACTOR.to_owned(), place, text });
+        counts.multiply(head, 1.0 / exact(factor));
     }
     let mut faults = constant_output(&mut counts, (&constant, &extremes), &turned, &matrix, &mut findings);
     let found: Vec<Option<Follows>> =
@@ -86,11 +93,16 @@ pub fn check_heads(
 
 /// Findings of the samples alone.
 fn samples(recording: &DeviceRecording) -> Vec<Finding> {
-    let DeviceRecording { counts, samples, missing, defects, outliers, left_out, .. } = recording;
+    let DeviceRecording { counts, samples, missing, interpolated, defects, outliers, left_out, .. } = recording;
     let whole = |kind: &str, text: String| Finding { kind: kind.to_owned(), place: "the recording".to_owned(), text };
     let share = 100.0 * *missing as f64 / (samples + missing).max(1) as f64;
+    let treatment = match (interpolated, missing - interpolated) {
+        (0, _) => "left out".to_owned(),
+        (_, 0) => "interpolated".to_owned(),
+        (few, others) => format!("{few} in short gaps are interpolated, {others} left out"),
+    };
     let missing = (*missing > 0)
-        .then(|| whole("samples-lost", format!("{missing} samples are missing, {share:.2} % of all: left out")));
+        .then(|| whole("samples-lost", format!("{missing} samples are missing, {share:.2} % of all: {treatment}")));
     let defects = (*defects > 0).then(|| whole("defects", format!("{defects} in the input; `geu decode` lists them")));
     let rows = [
         (left_out.repeated, "are at the time of an earlier row or before it"),
@@ -144,8 +156,19 @@ fn constant_output(
                 off.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), own| (low.min(own), high.max(own)));
             high - low
         };
-        let is_unseen = |run: &&ConstantRun| unseen(run.from, run.to) > limit;
-        let own: Vec<&ConstantRun> = constant.iter().filter(|run| run.gyro == head).filter(is_unseen).collect();
+        // At other times of as little motion about the axis the output is noisy.
+        let is_noiseless = |run: &ConstantRun| {
+            let turn = |node: &usize| Some((angle(node + 1)? - angle(*node)?).abs());
+            let largest = (run.from..run.to).filter_map(|node| turn(&node)).fold(0.0, f64::max);
+            let is_still = |node: &usize| turn(node).is_some_and(|turn| turn <= largest);
+            let others = (0..run.from).chain(run.to..turned.len() - 1).filter(is_still);
+            let (noisy, constant): (Vec<[f64; 2]>, Vec<[f64; 2]>) =
+                others.filter_map(|node| extremes[head].get(node).copied()).partition(|[low, high]| low < high);
+            noisy.len() >= MIN_WINDOWS.max(2 * constant.len())
+        };
+        let is_wrong =
+            |run: &&ConstantRun| unseen(run.from, run.to) > limit || run.samples >= STUCK_SAMPLES && is_noiseless(run);
+        let own: Vec<&ConstantRun> = constant.iter().filter(|run| run.gyro == head).filter(is_wrong).collect();
         let [low, high] = [-1.0, 1.0].map(|sign| output_limit(&own, &extremes[head], sign));
         let is_limit = |arcsec: f64| arcsec.is_finite() && (arcsec >= high || arcsec <= low);
         let is_stuck = |run: &&ConstantRun| run.samples >= STUCK_SAMPLES && !is_limit(run.arcsec);
@@ -157,7 +180,12 @@ fn constant_output(
         let clipped: Vec<Range<usize>> = runs.map(|run| run[0]..run[run.len() - 1] + 1).collect();
         let constant = stuck.iter().map(|run| run.from..run.to).collect();
         for (all, kind, name, what) in [
-            (constant, BreakKind::Constant, "stuck-output", "the output does not change while the unit turns"),
+            (
+                constant,
+                BreakKind::Constant,
+                "stuck-output",
+                "the output does not change while the unit turns, or has no noise",
+            ),
             (
                 clipped,
                 BreakKind::Saturated,
@@ -208,11 +236,16 @@ fn fault(
     samples: usize,
 ) -> WiringFault {
     let target = ParameterRef::from_name(number).expect("a number of the wiring effects");
-    let amplitude = AmplitudeRef::new(target, onset_s.map(|_| STEP));
-    let hypothesis = Hypothesis {
-        course_shapes: onset_s.into_iter().collect(),
-        ..Hypothesis::constant(amplitude, value, unit.only(gyro.index()))
+    let (course, course_shapes) = match (onset_s, end_s) {
+        (None, None) => (None, vec![]),
+        (Some(onset_s), None) => (Some(STEP), vec![onset_s]),
+        (onset_s, Some(end_s)) => {
+            let onset_s = onset_s.unwrap_or(0.0);
+            (Some(PULSE), vec![onset_s, end_s - onset_s])
+        }
     };
+    let amplitude = AmplitudeRef::new(target, course);
+    let hypothesis = Hypothesis { course_shapes, ..Hypothesis::constant(amplitude, value, unit.only(gyro.index())) };
     WiringFault {
         hypothesis,
         gyros: vec![gyro],
@@ -303,11 +336,11 @@ impl Follows {
         Some(if is_other { best } else { own })
     }
 
-    /// The factor of a wrong unit, if the output follows the motion by another one than scale factors have.
-    fn wrong_unit(&self) -> Option<f64> {
+    /// The factor of a wrong unit, larger than scale factors have; else 1.
+    fn unit(&self) -> f64 {
         let factor = self.factor.abs();
         let is_wrong = (factor - 1.0).abs() > FACTOR_ERROR || factor < 1.0 / (1.0 + FACTOR_ERROR);
-        (is_wrong && self.explained > EXPLAINED).then_some(factor)
+        if is_wrong { factor } else { 1.0 }
     }
 }
 

@@ -164,7 +164,7 @@ impl Report<'_> {
             None => motion_segments::cut(measured),
         };
         Diagnosis {
-            verdict: verdict(&entries, unexplained_gyros),
+            verdict: verdict(&entries, unexplained_gyros, &findings),
             entries,
             findings,
             before,
@@ -212,6 +212,7 @@ impl Report<'_> {
         if is_uneven {
             selected.drop_outliers(case);
         }
+        selected.add_unstated_flicker(case);
         let mut overfitted = selected.overfitted_gyros(case.nominal);
         for other in [selected.beside_nonlinear_filter(self.entries.bank), selected.following_variables(case)] {
             overfitted = overfitted.and(other);
@@ -277,8 +278,9 @@ impl Report<'_> {
     }
 }
 
-fn verdict(entries: &[DiagnosedEffect], unexplained: Gyros) -> Verdict {
-    let is_missing = entries.iter().any(|entry| entry.class == Class::MissingEffect);
+fn verdict(entries: &[DiagnosedEffect], unexplained: Gyros, findings: &[Finding]) -> Verdict {
+    let is_missing = entries.iter().any(|entry| entry.class == Class::MissingEffect)
+        || findings.iter().any(|finding| finding.kind == Finding::UNIT_FACTOR);
     match (!unexplained.is_empty(), is_missing) {
         (true, _) => Verdict::Unexplained,
         (false, true) => Verdict::Explained,

@@ -106,7 +106,7 @@ pub fn configured(
     residual: &Series,
 ) -> [NoiseModel; CHANNELS] {
     let block_s = measured.block_s();
-    std::array::from_fn(|channel| {
+    let mut noise = std::array::from_fn(|channel| {
         let effects = configuration.gyros.get(channel).map(|gyro| &gyro.effects.constant);
         let growths = Walk::ALL.map(|walk| effects.map_or(0.0, |own| walk.growth(own)));
         if effects.is_some() && !is_declared(configuration, channel) {
@@ -124,7 +124,11 @@ pub fn configured(
         let is_dequantised = measured.weights.get(channel).is_some_and(Option::is_some);
         let min = if is_dequantised { 0.0 } else { min_white(measured, channel) };
         NoiseModel { white: white.max(min), angle_walk, rate_walk, scale_walk, flicker }
-    })
+    });
+    let estimated = measured.gyros().filter(|gyro| measured.is_usable(gyro) && !is_declared(configuration, gyro));
+    let whites = estimated.gyros().map(|gyro| (gyro.index(), min_white(measured, gyro.index())));
+    differences::share_white(&mut noise, &whites.collect::<Vec<_>>());
+    noise
 }
 
 /// True if the noise of a gyro is that of its configuration; else that of the residual.
@@ -227,7 +231,7 @@ impl WhiteNuisances {
 }
 
 /// −2 ln of the likelihood of one channel as a function of its noise.
-fn deviance<'a>(
+pub fn deviance<'a>(
     case: &'a DiagnosisCase,
     channel: usize,
     blocks: Cow<'a, [Block]>,

@@ -26,7 +26,7 @@ use geu_model::parameter_spec::ParameterSet;
 pub enum Verdict {
     /// No missing effect; the residual is noise after a fit of the calibration parameters.
     Consistent,
-    /// One missing effect or more; the residual is noise with them.
+    /// One missing effect or more, or output in another unit; the residual is noise with them.
     Explained,
     /// Otherwise.
     Unexplained,

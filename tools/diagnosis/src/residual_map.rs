@@ -37,6 +37,8 @@ impl Inputs {
 }
 
 const COUNT: usize = 22;
+/// Number of variables, the first ones, to which calibration parameters are in proportion.
+pub const CALIBRATED: usize = 4;
 /// Name of a variable and its value.
 type Variable = (&'static str, fn(&Inputs) -> f64);
 

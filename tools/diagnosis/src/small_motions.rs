@@ -6,9 +6,12 @@
 use crate::courses::is_switch;
 use crate::measured::{CHANNELS, MeasuredData, ModelRun, TIMING, nodes};
 use crate::signature_bank::{ConstantSignature, SignatureBank};
+use crate::significance::MEDIAN_OF_NORMAL;
 use crate::whitening::NoiseModel;
+use geu_checks::median;
 use geu_hypothesis::Hypothesis;
 use geu_model::Configuration;
+use geu_model::attitude::RecordedAttitude;
 use geu_model::device::Device;
 use geu_model::parameter_spec::MISALIGNMENTS;
 use geu_protocol::Gyros;
@@ -130,6 +133,19 @@ pub fn has_noisy_motion(measured: &MeasuredData, nominal: &Configuration) -> boo
     (measured.smoothed.is_some() || measured.noise_scale.is_some()) && !nominal.device.is_iras()
 }
 
+/// Noise of the rates from row to row of a reference, arcsec/s, of the axis with the largest: by the median of their second differences, of
+/// white noise √10 times as large, in which smooth motion has little part.
+fn rate_noise(reference: &RecordedAttitude) -> f64 {
+    let (times_s, angles): (Vec<f64>, Vec<[f64; 3]>) = reference.rows().unzip();
+    let of_axis = |axis: usize| {
+        let rate = |row: usize| (angles[row + 1][axis] - angles[row][axis]) / (times_s[row + 1] - times_s[row]);
+        let difference = |row: usize| (rate(row) - 2.0 * rate(row + 1) + rate(row + 2)).abs();
+        let mut differences: Vec<f64> = (0..times_s.len().saturating_sub(3)).map(difference).collect();
+        median(&mut differences) / (MEDIAN_OF_NORMAL * 10f64.sqrt())
+    };
+    (0..3).map(of_axis).fold(0.0, f64::max)
+}
+
 /// Rate up to which a dead zone is not searched, arcsec/s: that of small motions if these answer the counts or are taken from them. Such a zone
 /// withholds the noise of the gyros, and explains it.
 pub fn unknown_rate_arcsec_per_s(
@@ -143,7 +159,9 @@ pub fn unknown_rate_arcsec_per_s(
     if has_noisy_motion(measured, nominal) {
         f64::INFINITY
     } else if answers_counts || measured.smoothed.is_some() {
-        small_arcsec.iter().take(measured.gyros().heads()).copied().fold(0.0, f64::max) / measured.block_s() * largest
+        let of_blocks = small_arcsec.iter().take(measured.gyros().heads()).copied().fold(0.0, f64::max);
+        let of_rows = if nominal.device.is_iras() { 0.0 } else { SMALL_SIGMAS * rate_noise(&measured.reference) };
+        (of_blocks / measured.block_s()).max(of_rows) * largest
     } else {
         0.0
     }

@@ -21,9 +21,10 @@ pub enum AmplitudeSource {
     Term(Formula),
 }
 
-/// Index of a step in [`COURSES`], and of a ramp.
+/// Index of a step in [`COURSES`], of a ramp and of a pulse.
 pub const STEP: usize = 0;
 pub const RAMP: usize = 1;
+pub const PULSE: usize = 5;
 
 /// An amplitude of the model, constant or with a time course.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -188,7 +188,7 @@ impl Monitor {
     /// Reports an interruption, unless one was shortly before.
     pub(crate) fn interrupt(&mut self, kind: BreakKind, gyros: Gyros, samples: u64) {
         let code = match kind {
-            BreakKind::Gap(_) => "lost-samples",
+            BreakKind::Gap(_) | BreakKind::Interpolated(_) => "lost-samples",
             BreakKind::Jump | BreakKind::TimeJump => "jump",
             BreakKind::Reset => "restart",
             BreakKind::Invalid | BreakKind::Outlier | BreakKind::Constant => "invalid-count",

@@ -46,8 +46,8 @@ impl TimeProfileSpec {
         follows_temperature: false,
     };
 
-    /// Key, format and limits of the size for an amplitude; `None` if the amplitude cannot have this course: a flag and the
-    /// name of a gyro have steps only.
+    /// Key, format and limits of the size for an amplitude; `None` if the amplitude cannot have this course: the
+    /// name of a gyro has steps only, a flag steps and pulses.
     pub fn size(&self, effect: &EffectSpec, numbers: &[ParameterSpec], amplitude: usize) -> Option<Size> {
         let number = &numbers[amplitude];
         let (min, max) = self.size_limits(effect, numbers, amplitude)?;
@@ -61,7 +61,11 @@ impl TimeProfileSpec {
     /// Limits of that size.
     pub fn size_limits(&self, effect: &EffectSpec, numbers: &[ParameterSpec], amplitude: usize) -> Option<(f64, f64)> {
         let number = &numbers[amplitude];
-        let has_course = number.form == ValueFormat::Real || self.name == "-step";
+        let has_course = match self.name {
+            "-step" => true,
+            "-pulse" => matches!(number.form, ValueFormat::Real | ValueFormat::Flag),
+            _ => number.form == ValueFormat::Real,
+        };
         has_course.then(|| (self.limits)(number, &effect.amplitudes[amplitude]))
     }
 

@@ -22,6 +22,10 @@ const MAX_RUNS: usize = 10_000;
 /// A sample farther from its neighbours, in mean departures, is an outlier; and the samples from which the mean is known.
 const OUTLIER: f64 = 25.0;
 const SETTLED: u64 = 100;
+/// Missing samples in a row that are interpolated, and the samples of a node from which they are: then their error is that of a few of
+/// many samples.
+const INTERPOLATED: u64 = 4;
+const MANY_SAMPLES: usize = 8;
 /// Smallest and largest of no sample.
 const NO_SAMPLE: [f64; 2] = [f64::INFINITY, f64::NEG_INFINITY];
 /// Temperature of a unit that sends none, °C.
@@ -51,6 +55,8 @@ pub struct DeviceRecording {
     pub outliers: Vec<u64>,
     pub samples: u64,
     pub missing: u64,
+    /// Number of missing samples that are interpolated.
+    pub interpolated: u64,
     pub defects: u64,
     pub left_out: RowsLeftOut,
 }
@@ -105,6 +111,7 @@ struct Extras {
     outliers: Vec<u64>,
     samples: u64,
     missing: u64,
+    interpolated: u64,
     defects: u64,
     left_out: RowsLeftOut,
 }
@@ -215,6 +222,10 @@ impl DeviceCountsReader {
             }
             recent.run = (node, 1);
         }
+        if arcsec == last && last == before {
+            // Output that stays shows no departure.
+            return;
+        }
         recent.count += 1;
         let off = (last - 0.5 * (arcsec + before)).abs();
         let is_outlier = recent.count > SETTLED
@@ -243,8 +254,14 @@ impl DeviceCountsReader {
         }
         let interval_s = self.heads.interval_s * self.per_node as f64;
         let start_ns = if self.heads.is_table { start_ns? } else { clock_start_ns };
-        let counts = self.nodes.finish_at(interval_s, start_ns)?;
-        let Extras { constant, outliers, samples, missing, defects, left_out } = self.recording;
+        let mut counts = self.nodes.finish_at(interval_s, start_ns)?;
+        let Extras { constant, outliers, samples, missing, mut interpolated, defects, left_out } = self.recording;
+        let is_interpolated = |found: &Discontinuity| matches!(found.kind, BreakKind::Interpolated(_));
+        if self.per_node >= MANY_SAMPLES {
+            counts.breaks.retain(|found| !is_interpolated(found));
+        } else {
+            interpolated = 0;
+        }
         let nodes = counts.node_s.len() - 1;
         let constant = constant
             .into_iter()
@@ -253,7 +270,17 @@ impl DeviceCountsReader {
             .collect();
         let cut = |own: Recent| own.extremes.into_iter().take(nodes).collect();
         let extremes = self.recent.into_iter().map(cut).collect();
-        Some(DeviceRecording { counts, constant, extremes, outliers, samples, missing, defects, left_out })
+        Some(DeviceRecording {
+            counts,
+            constant,
+            extremes,
+            outliers,
+            samples,
+            missing,
+            interpolated,
+            defects,
+            left_out,
+        })
     }
 }
 
@@ -268,20 +295,31 @@ impl Sink<DeviceSample> for DeviceCountsReader {
             return;
         };
         let all = self.nodes.gyros();
-        let missing = from - self.heads.end;
-        if missing > MISSING {
-            let missing = missing.round() as u64;
+        let HeadAngles { mut arcsec, invalid, saturated, length } = self.heads.angles(row, (from, to));
+        let missing_samples = from - self.heads.end;
+        if missing_samples > MISSING {
+            let missing = missing_samples.round() as u64;
             if missing > MAX_MISSING - self.recording.missing {
                 self.recording.left_out.after_gap += 1;
                 return;
             }
             self.recording.missing += missing;
-            self.exclude(all, BreakKind::Gap(missing));
-            self.advance(self.heads.end, from, &vec![0.0; self.since.len()], row);
-            self.exclude(all, BreakKind::Gap(missing));
+            let is_short = missing <= INTERPOLATED;
+            self.recording.interpolated += if is_short { missing } else { 0 };
+            let kind = if is_short { BreakKind::Interpolated(missing) } else { BreakKind::Gap(missing) };
+            // The mean of the samples before and after; of a head without one, that of the other.
+            let between = |(recent, &after): (&Recent, &f64)| {
+                let before = if recent.count > 0 { recent.values[0] } else { after };
+                let after = if after.is_nan() { before } else { after };
+                let mean = 0.5 * (before + after) * missing_samples;
+                if is_short && mean.is_finite() { mean } else { 0.0 }
+            };
+            let between: Vec<f64> = self.recent.iter().zip(&arcsec).map(between).collect();
+            self.exclude(all, kind);
+            self.advance(self.heads.end, from, &between, row);
+            self.exclude(all, kind);
         }
         self.recording.samples += 1;
-        let HeadAngles { mut arcsec, invalid, saturated, length } = self.heads.angles(row, (from, to));
         for (gyro, arcsec) in arcsec.iter_mut().enumerate() {
             match arcsec.is_nan() {
                 true => *arcsec = 0.0,

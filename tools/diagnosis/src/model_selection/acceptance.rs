@@ -11,14 +11,14 @@ use crate::model_state::ModelState;
 use crate::noise::Walk;
 use crate::normal_equations::NormalEquations;
 use crate::null_distribution::Thresholds;
-use crate::residual_map::{SIGNIFICANT, residual_maps, strongest};
+use crate::residual_map::{CALIBRATED, SIGNIFICANT, residual_maps};
 use crate::search::{Candidate, passes_cross_validation, search};
 use crate::signature_bank::SignatureBank;
 use crate::significance::{THREE_SIGMA_CHI2, THREE_SIGMAS};
 use geu_hypothesis::Hypothesis;
 use geu_protocol::Gyros;
 
-use super::noise::drift_noise_fall;
+use super::noise::{drift_noise_fall, unstated_flicker_fall};
 use super::selected::{FEW_SAMPLES, MAX_PER_GYRO, RejectedHypothesis, SelectedModel};
 
 /// A smaller share of the whole χ² reduction may be an error of the other hypotheses: a signature with a cosine of 0.995 to the true
@@ -138,10 +138,11 @@ impl SelectedModel {
     }
 
     /// Gyros of which the residual follows a variable of the residual map, which noise does not; by more than the errors of the hypotheses.
+    /// The noise of the reference is in its rates: where the unit hardly turns, it looks like a calibration parameter beyond its limit.
     pub fn following_variables(&self, case: &DiagnosisCase) -> Gyros {
         let [map] = residual_maps(case, &self.state.noise, [&case.run(&self.state)], &[]);
         let limit = self.negligible(case).sqrt().max(SIGNIFICANT);
-        let follows = |gyro: usize| strongest(&map.whole[gyro]).is_some_and(|(_, sigmas)| sigmas.abs() > limit);
+        let follows = |gyro: usize| map.whole[gyro][CALIBRATED..].iter().flatten().any(|sigmas| sigmas.abs() > limit);
         case.measured.gyros().filter(follows)
     }
 
@@ -184,7 +185,8 @@ impl SelectedModel {
     /// Removes each hypothesis whose χ² reduction beside all others is less than its penalty, or without which the score is lower, each time
     /// with the white noise fitted again: noise fitted beside a hypothesis weights what it explains. With walks above their configured
     /// growth the penalty is too low: then a hypothesis must also be better than a walk or flicker in its place, and a drift beside a larger
-    /// noise of the drift must exceed three thresholds. Returns true if one was removed.
+    /// noise of the drift must exceed three thresholds. The drift of every gyro flickers: without stated noise a hypothesis must be better
+    /// than that. Returns true if one was removed.
     pub fn prune(&mut self, case: &DiagnosisCase, thresholds: &Thresholds) -> bool {
         let is_noisy = self.is_noisy();
         let count = self.state.held.len();
@@ -195,7 +197,10 @@ impl SelectedModel {
                 let chi2 = self.chi2_fall(case, index);
                 let mut others = self.without_all(case, &[index]);
                 let hypothesis = &self.state.held[index].hypothesis;
-                let walk = if is_noisy { drift_noise_fall(case, &mut others.state, hypothesis) } else { 0.0 };
+                let walk = match is_noisy {
+                    true => drift_noise_fall(case, &mut others.state, hypothesis),
+                    false => unstated_flicker_fall(case, &mut others.state, hypothesis),
+                };
                 let noise = others.fitted_white(case);
                 let is_uncertain = is_drift(hypothesis) && self.has_larger_drift_noise(&hypothesis.gyros);
                 let threshold = if is_uncertain { FEW_SAMPLES * chi2.threshold } else { chi2.threshold };

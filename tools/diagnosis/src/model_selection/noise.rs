@@ -1,17 +1,21 @@
 //! Random walks and flicker above their configured growth, instead of effects or beside them.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
 use crate::diagnosis_case::DiagnosisCase;
-use crate::measured::{CHANNELS, TIMING};
+use crate::measured::{CHANNELS, Series, TIMING};
 use crate::model_state::ModelState;
 use crate::noise::{self, Walk};
+use crate::normal_equations::Nuisance;
 use crate::null_distribution::Thresholds;
 use crate::signature_bank::HypothesisFamily;
 use crate::whitening::NoiseModel;
 use geu_hypothesis::Hypothesis;
+use geu_model::noise::flicker::FLICKER_FLOOR;
+use geu_model::units::S_PER_H;
 use geu_protocol::Gyros;
 
 use super::selected::{FURTHER_WALK_CHI2, IdentifiedNoise, SelectedModel};
@@ -94,6 +98,22 @@ impl SelectedModel {
         std::array::from_fn(|channel| all[channel])
     }
 
+    /// Adds the flicker that the drift of every gyro has where the configuration states no noise, if it is likelier.
+    pub fn add_unstated_flicker(&mut self, case: &DiagnosisCase) {
+        let linearised = case.linearised(&mut self.state);
+        for gyro in case.measured.gyros().gyros().map(|gyro| gyro.index()) {
+            let noise = &self.state.noise[gyro];
+            if noise::is_declared(case.nominal, gyro) || noise.flicker > 0.0 || !case.measured.is_usable(gyro) {
+                continue;
+            }
+            let (with, fall) = unstated_flicker(case, noise, gyro, &linearised);
+            if fall > FURTHER_WALK_CHI2 {
+                self.state.noise[gyro] = with;
+            }
+        }
+        self.normal = case.fit(&mut self.state);
+    }
+
     /// Resets the walks of these gyros to their configured growth.
     pub fn reset_noise(&mut self, case: &DiagnosisCase, gyros: &Gyros) {
         let (reset, kept): (Vec<IdentifiedNoise>, _) =
@@ -107,6 +127,40 @@ impl SelectedModel {
             self.normal = case.fit(&mut self.state);
         }
     }
+}
+
+/// Averaging time at which the Allan deviation of a gyro has its minimum at the earliest, s: there the flicker is as large as the angle
+/// random walk. Data sheets of MEMS gyros show it at 100 to 1000 s, and later of others.
+const EARLIEST_MINIMUM_S: f64 = 100.0;
+/// Shares of the largest flicker that are tried.
+const FLICKERS: [f64; 3] = [0.25, 0.5, 1.0];
+
+/// The likeliest of a few flickers of a gyro of which the configuration states no noise, and the reduction of χ²; at most 0 for none.
+fn unstated_flicker(
+    case: &DiagnosisCase,
+    noise: &NoiseModel,
+    channel: usize,
+    (residual, nuisances): &(Series, Vec<Nuisance>),
+) -> (NoiseModel, f64) {
+    let largest = noise.angle_walk * S_PER_H / (FLICKER_FLOOR * EARLIEST_MINIMUM_S.sqrt());
+    let fitted =
+        |flicker: f64| noise::fit_white(case, channel, &noise.with(Walk::Flicker, flicker), residual, nuisances);
+    let blocks = Cow::Borrowed(&case.measured.blocks[channel][..]);
+    let deviance = noise::deviance(case, channel, blocks, residual, nuisances);
+    let without = deviance(&fitted(noise.flicker));
+    let all = FLICKERS.iter().map(|share| fitted(share * largest)).map(|noise| (noise, without - deviance(&noise)));
+    all.max_by(|one, other| one.1.total_cmp(&other.1)).expect("a flicker")
+}
+
+/// χ² reduction by a flicker on the gyros of a hypothesis of which the configuration states no noise, in its place.
+pub(super) fn unstated_flicker_fall(case: &DiagnosisCase, state: &mut ModelState, hypothesis: &Hypothesis) -> f64 {
+    if hypothesis.amplitude.is_of_unit() {
+        return 0.0;
+    }
+    let linearised = case.linearised(state);
+    let unstated = hypothesis.gyros.gyros().filter(|gyro| !noise::is_declared(case.nominal, gyro.index()));
+    let fall = |gyro: usize| unstated_flicker(case, &state.noise[gyro], gyro, &linearised).1.max(0.0);
+    unstated.map(|gyro| fall(gyro.index())).sum()
 }
 
 /// χ² reduction by a larger rate random walk or flicker on the gyros of a hypothesis, in its place.

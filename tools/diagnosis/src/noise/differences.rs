@@ -5,6 +5,7 @@ use geu_checks::median;
 use crate::measured::Block;
 use crate::rounding::BlockRounding;
 use crate::significance::MEDIAN_OF_NORMAL;
+use crate::whitening::NoiseModel;
 
 /// Lengths of averages, blocks, of which second differences are taken, and the minimum number of these.
 const LENGTHS: [usize; 4] = [1, 2, 4, 8];
@@ -52,6 +53,17 @@ pub fn noise(residual: &[f64], blocks: &[Block], rounding: &[BlockRounding], blo
         (true, false) => (ay / aa, 0.0),
     };
     (white, (walk / block_s).sqrt())
+}
+
+/// White noise that the differences of a gyro do not show beside its walk is that of the other gyros: it is of the reference. For these gyros,
+/// with the smallest white noise of each.
+pub fn share_white(noise: &mut [NoiseModel], gyros: &[(usize, f64)]) {
+    let (shown, others): (Vec<_>, Vec<_>) = gyros.iter().partition(|(gyro, min)| noise[*gyro].white > *min);
+    let mut whites: Vec<f64> = shown.iter().map(|(gyro, _)| noise[*gyro].white).collect();
+    if !whites.is_empty() {
+        let white = median(&mut whites);
+        others.iter().for_each(|(gyro, _)| noise[*gyro].white = white);
+    }
 }
 
 #[cfg(test)]

@@ -93,7 +93,7 @@ pub fn effect_name(entry: &DiagnosedEffect) -> String {
 pub fn verdict(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::Consistent => "consistent: the residual is noise",
-        Verdict::Explained => "explained: the residual is noise with the effects below",
+        Verdict::Explained => "explained: the residual is noise with the effects and corrections below",
         Verdict::Unexplained => "unexplained: no effect of the model explains the rest of the residual",
     }
 }
