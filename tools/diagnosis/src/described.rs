@@ -35,10 +35,11 @@ pub fn diagnose_device(
     let Alignment { lag_s, clock_ppm: aligned_ppm } = Alignment::find(&raw, &nominal, reference);
     recording.counts.correct_clock(aligned_ppm);
     let checked = check_heads(recording, &nominal, &reference.later(lag_s));
-    let mut unsmoothed = MeasuredData::combined(checked.counts.clone(), reference, lag_s, None, None)?;
-    unsmoothed.clock_ppm = aligned_ppm;
-    let case = DiagnosisCase::new(&unsmoothed, &nominal);
-    let (fitted, clock_ppm) = solution::fitted_with_clock(&case);
+    let (fitted, clock_ppm) = {
+        let mut unsmoothed = MeasuredData::combined(checked.counts.clone(), reference, lag_s, None, None)?;
+        unsmoothed.clock_ppm = aligned_ppm;
+        solution::fitted_with_clock(&DiagnosisCase::new(&unsmoothed, &nominal))
+    };
     // A lag within that of a link changes no attitude.
     let lag_s = lag_s + fitted.shifts.lag_s;
     let is_late = lag_s.abs() > LAG_S + THREE_SIGMAS * fitted.lag_sigma_s;

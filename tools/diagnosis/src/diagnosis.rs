@@ -78,6 +78,8 @@ pub(crate) fn diagnose(
     }
     if let Some(again) = &again {
         findings.extend(again.noise_scale.is_some().then(|| uneven_noise(again)));
+        // Two at a time would take twice the memory.
+        drop(solution);
         solution = Solution::new(again, nominal, options, true);
     }
     let measured = again.as_ref().unwrap_or(measured);

@@ -4,6 +4,8 @@
 //! instants of the file are exact, and those between its instants err by h⁴/384 of the fourth derivative: 0.0013″ for a
 //! limit cycle of 4″/s and 5 s on rows each 0.5 s. Straight lines would err by 0.16″.
 
+use std::sync::Arc;
+
 use super::MotionState;
 use crate::units::{ARCSEC_PER_RAD, SUN_RATE_RAD_S};
 
@@ -82,9 +84,9 @@ fn gaps(rows: &[AttitudeRow]) -> Vec<usize> {
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordedAttitude {
     t_s: Vec<f64>,
-    /// Accumulated rotation at each, with its second derivatives.
-    angle_control_arcsec: [Vec<f64>; 3],
-    bend: [Vec<f64>; 3],
+    /// Accumulated rotation at each, with its second derivatives. Copies that start at other times share them.
+    angle_control_arcsec: Arc<[Vec<f64>; 3]>,
+    bend: Arc<[Vec<f64>; 3]>,
     /// θ and ψ at each; empty where they are not known.
     theta_psi_rad: Vec<(f64, f64)>,
     /// Turn of ψ from each to the next.
@@ -156,6 +158,7 @@ impl RecordedAttitude {
         let turn_psi_rad = theta_psi_rad.windows(2).map(|pair| shorter_way(pair[1].1 - pair[0].1)).collect();
         let departure_arcsec = departure(&t_s, &angle_control_arcsec, &theta_psi_rad);
         let gaps = gaps(rows);
+        let (angle_control_arcsec, bend) = (Arc::new(angle_control_arcsec), Arc::new(bend));
         Ok(RecordedAttitude { t_s, angle_control_arcsec, bend, theta_psi_rad, turn_psi_rad, departure_arcsec, gaps })
     }
 
@@ -167,7 +170,7 @@ impl RecordedAttitude {
     pub fn with_known_gaps(rows: &[AttitudeRow], gaps: Vec<usize>) -> Result<RecordedAttitude, AttitudeRowsError> {
         let mut read = RecordedAttitude::with_gaps(rows)?;
         for row in (1..rows.len()).filter(|&row| rows[row].angle_control_arcsec == [0.0; 3]) {
-            read.bend.iter_mut().for_each(|bend| bend[row - 1..=row].fill(0.0));
+            Arc::make_mut(&mut read.bend).iter_mut().for_each(|bend| bend[row - 1..=row].fill(0.0));
         }
         Ok(RecordedAttitude { gaps, ..read })
     }
@@ -302,13 +305,9 @@ fn second_derivatives(t: &[f64], y: &[f64]) -> Vec<f64> {
     // Inner equations h[i−1] m[i−1] + 2(h[i−1] + h[i]) m[i] + h[i] m[i+1] = 6(slope[i] − slope[i−1]), with the end values
     // m[0] = m[1] + (m[1] − m[2]) h[0]/h[1] put in, and likewise at the other end.
     let inner = n - 2;
-    let (mut lower, mut diagonal, mut upper) = (vec![0.0; inner], vec![0.0; inner], vec![0.0; inner]);
-    let mut right = vec![0.0; inner];
-    for k in 0..inner {
-        let i = k + 1;
-        (lower[k], diagonal[k], upper[k]) = (h[i - 1], 2.0 * (h[i - 1] + h[i]), h[i]);
-        right[k] = 6.0 * (slope[i] - slope[i - 1]);
-    }
+    let (mut lower, mut upper) = (h[..inner].to_vec(), h[1..].to_vec());
+    let mut diagonal: Vec<f64> = h.windows(2).map(|pair| 2.0 * (pair[0] + pair[1])).collect();
+    let mut right: Vec<f64> = slope.windows(2).map(|pair| 6.0 * (pair[1] - pair[0])).collect();
     if inner >= 2 {
         let first = h[0] / h[1];
         diagonal[0] += h[0] * (1.0 + first);
