@@ -274,10 +274,15 @@ impl GyroUnit {
         let ended = CompletedSample { sample, outputs, cyclic, end_ns: self.running_end_ns() };
         self.last = Some(ended);
         self.injected = self.compare(&ended);
+        self.begin_next();
+        (ended, taps)
+    }
+
+    /// Begins the next sample.
+    fn begin_next(&mut self) {
         self.ended += 1;
         self.start_fs = self.end_fs;
         self.begin();
-        (ended, taps)
     }
 
     /// Motion of the sub-steps of a sample: as counted, and the truth if a probe records it and it differs.

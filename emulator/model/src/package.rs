@@ -23,8 +23,7 @@ pub struct Axes {
 impl Axes {
     /// Axes with these input and output axes; the output axis is 0 in a gyro that has none, and with it the spin axis.
     pub const fn new(input_control: [f64; 3], output_control: [f64; 3]) -> Axes {
-        let ([a, b, c], [x, y, z]) = (input_control, output_control);
-        Axes { input_control, output_control, spin_control: [b * z - c * y, c * x - a * z, a * y - b * x] }
+        Axes { input_control, output_control, spin_control: cross(input_control, output_control) }
     }
 
     /// The output axis of a gyro that has one.
@@ -254,9 +253,15 @@ fn look_at_start<T: Probe>(
     }
 }
 
+/// Scalar product.
 #[inline]
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+pub fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// Vector product.
+pub const fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 #[cfg(test)]

@@ -169,7 +169,6 @@ impl ValueFormat {
 
 pub const REAL: ValueFormat = ValueFormat::Real;
 pub const WHOLE: ValueFormat = ValueFormat::Whole;
-pub const FLAG: ValueFormat = ValueFormat::Flag;
 pub const REQUIRED: DefaultValue = DefaultValue::Required;
 pub const ABSENT: DefaultValue = DefaultValue::Absent;
 

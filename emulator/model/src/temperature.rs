@@ -1,5 +1,6 @@
 //! Temperatures: the electronics follow a configured course; the heater holds the sensor (Casteren §2).
 
+use crate::effect::Temperatures;
 use crate::parameter_spec::numbers;
 use crate::time_profile::Interval;
 use crate::units::{S_PER_DAY, S_PER_H};
@@ -56,18 +57,10 @@ impl ElectronicsCourse {
         }
         temperature_c + trend_k_per_day * t_s / S_PER_DAY
     }
-}
 
-impl ElectronicsCourse {
     /// An interval of this true time, as time courses use it.
     pub fn interval(&self, start_s: f64, end_s: f64) -> Interval {
-        let middle_s = 0.5 * (start_s + end_s);
-        Interval {
-            start_s,
-            end_s,
-            electronics_excess_k: self.at_c(middle_s) - self.numbers.reference_c,
-            electronics_rate_k_per_h: self.rate_k_per_h(middle_s),
-        }
+        Temperatures::from_course(self, 0.5 * (start_s + end_s), SENSOR_NOMINAL_C).interval(start_s, end_s)
     }
 
     /// Rate of change, K/h. That of a table is the slope over [`RATE_SPAN_S`], in which the steps of a recorded temperature average out.

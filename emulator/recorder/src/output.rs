@@ -94,9 +94,3 @@ impl Output {
         written.map_err(|source| RecordError::Write { path: self.path.clone(), source })
     }
 }
-
-/// Formats ns as seconds with six decimals, the resolution of a capture.
-pub(crate) fn stamp(ns: i64) -> String {
-    let micros = (ns + 500) / 1000;
-    format!("{}.{:06}", micros / 1_000_000, micros % 1_000_000)
-}

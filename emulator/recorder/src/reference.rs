@@ -9,8 +9,9 @@ use geu_model::attitude::{Leg, StreamedAttitude};
 use geu_model::simulation::ReferenceSource;
 use geu_model::units::RAD_PER_DEG;
 use geu_model::{Configuration, Truth};
+use geu_protocol::capture::Timestamp;
 
-use crate::output::{Output, RecordError, stamp};
+use crate::output::{Output, RecordError};
 use crate::received;
 
 /// `received.csv`, for a truth received during the run.
@@ -135,7 +136,8 @@ impl ReferenceFiles {
 
     /// Writes the part of a leg that is executed by now, if any.
     fn manoeuvre(&mut self, leg: &Leg) -> Result<(), RecordError> {
-        let [start, end] = [leg.start_s, leg.end_s].map(|t_s| stamp(self.start_unix_ns + ns(t_s).min(self.end_ns)));
+        let [start, end] =
+            [leg.start_s, leg.end_s].map(|t_s| Timestamp::micros(self.start_unix_ns + ns(t_s).min(self.end_ns)));
         if start == end {
             return Ok(());
         }
@@ -146,7 +148,7 @@ impl ReferenceFiles {
         self.rows += 1;
         let end_ns = self.rows * self.interval_ns;
         let sample = self.source.advance(end_ns as f64 * 1e-9);
-        let end = stamp(self.start_unix_ns + end_ns);
+        let end = Timestamp::micros(self.start_unix_ns + end_ns);
         self.reference.write(|file| {
             let [x, y, z] = sample.step.angle_control_arcsec.map(|angle| angle / sample.step.length_s);
             write!(file, "{end},{x:.9},{y:.9},{z:.9}")?;
@@ -161,7 +163,7 @@ impl ReferenceFiles {
             self.fss.write(|file| writeln!(file, "{end},{:.3},{:.3}", sun.theta_arcsec, sun.roll_arcsec))?;
         }
         for fix in sample.fixes.into_iter().flatten() {
-            let stamp = stamp(self.start_unix_ns + ns(fix.t_s));
+            let stamp = Timestamp::micros(self.start_unix_ns + ns(fix.t_s));
             self.sse.write(|file| {
                 write!(file, "{stamp},{},{},", fix.star, fix.slit)?;
                 writeln!(file, "{:.9},{:.9},{}", fix.theta_deg, fix.psi_deg, fix.sigma_arcsec)

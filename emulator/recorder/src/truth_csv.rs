@@ -11,6 +11,7 @@ use std::path::Path;
 use geu_model::device::Device;
 use geu_model::effect::{FAULT_COLUMN, columns};
 use geu_model::{CompletedSample, Trace};
+use geu_protocol::capture::Timestamp;
 
 use crate::output::{Output, RecordError};
 
@@ -48,7 +49,7 @@ impl TruthCsv {
     pub fn rows(
         &mut self,
         device: &Device,
-        stamp: &str,
+        stamp: Timestamp,
         ended: &CompletedSample,
         traces: &[Trace],
     ) -> Result<(), RecordError> {

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use geu_model::configuration::{EndedEarly, LinkLogFormat, RunRecord};
 use geu_model::fault::Fault;
 use geu_model::{CompletedSample, Configuration, InjectionRecord, Trace, Truth};
+use geu_protocol::capture::Timestamp;
 use geu_protocol::command::hex;
 use serde_json::json;
 
@@ -14,7 +15,7 @@ use crate::destination::Destination;
 use crate::event::{PolledSample, UnitEvent};
 use crate::fault_log::FaultLog;
 use crate::link_model::{LinkModel, TransmitQueue, WireData};
-use crate::output::{Output, RecordError, stamp};
+use crate::output::{Output, RecordError};
 use crate::received;
 use crate::reference::ReferenceFiles;
 use crate::truth_csv::TruthCsv;
@@ -168,8 +169,8 @@ impl Recorder {
         self.queue.put(transmissions, frame, ended.end_ns);
         self.write_due(ended.end_ns)?;
         self.samples += 1;
-        let stamp = stamp(self.configuration.start_unix_ns + ended.end_ns);
-        self.truth.rows(&self.configuration.device, &stamp, ended, traces)?;
+        let stamp = Timestamp::micros(self.configuration.start_unix_ns + ended.end_ns);
+        self.truth.rows(&self.configuration.device, stamp, ended, traces)?;
         self.end_ns = ended.end_ns;
         self.reference.sample(ended.end_ns)
     }
@@ -177,7 +178,7 @@ impl Recorder {
     /// Writes the data that is due by `until_ns`.
     fn write_due(&mut self, until_ns: i64) -> Result<(), RecordError> {
         while let Some((due_ns, data)) = self.queue.next_due(until_ns) {
-            let stamp = stamp(self.configuration.start_unix_ns + due_ns);
+            let stamp = Timestamp::micros(self.configuration.start_unix_ns + due_ns);
             self.link.write(|file| {
                 data.iter().try_for_each(|data| match data {
                     WireData::Bytes(bytes) => file.write_all(bytes),

@@ -27,7 +27,7 @@ mod socketcan;
 mod tests;
 mod text;
 
-use std::fmt::Debug;
+use std::fmt::{self, Debug, Display, Formatter};
 
 pub use detect::{Detected, Detection, detect};
 pub use foreign::{FOREIGN, Foreign};
@@ -99,6 +99,23 @@ pub struct Timestamp {
     pub t_ns: i64,
     /// Decimals of the second in the source, 0…9.
     pub digits: u8,
+}
+
+impl Timestamp {
+    /// The nearest microsecond, the resolution of a candump log, to a time since 1970.
+    pub const fn micros(t_ns: i64) -> Timestamp {
+        Timestamp { t_ns: (t_ns + 500) / 1000 * 1000, digits: 6 }
+    }
+}
+
+/// Seconds with six to nine decimals.
+impl Display for Timestamp {
+    fn fmt(&self, out: &mut Formatter) -> fmt::Result {
+        let (magnitude, digits) = (self.t_ns.unsigned_abs(), self.digits.clamp(6, 9));
+        let (seconds, fraction) = (magnitude / 1_000_000_000, magnitude % 1_000_000_000);
+        let (sign, fraction) = (if self.t_ns < 0 { "-" } else { "" }, fraction / 10_u64.pow((9 - digits).into()));
+        write!(out, "{sign}{seconds}.{fraction:0width$}", width = digits.into())
+    }
 }
 
 /// A classic CAN data frame of a capture.

@@ -15,8 +15,6 @@ use geu_recording::{ReceivedSample, ReferenceAttitude};
 /// Mean delay of a receive time after the end of the sample, and its sigma.
 const LATENCY_S: f64 = 0.9e-3;
 const JITTER_S: f64 = 0.15e-3;
-/// Decimals of a receive time.
-const DIGITS: u8 = 6;
 /// Minimum number of rows of an attitude.
 const MIN_ATTITUDE_ROWS: usize = 4;
 
@@ -41,8 +39,7 @@ pub fn simulate(configuration: &Configuration, duration_s: f64) -> SimulatedReco
     let mut rows = Vec::new();
     for (completed, reference) in simulation.take((duration_s / SAMPLE_INTERVAL_S).round() as usize) {
         let delay_ns = (LATENCY_S + JITTER_S * delay.standard_normal()).max(0.0) * 1e9;
-        let t_us = (start_ns + completed.end_ns + delay_ns as i64 + 500) / 1000;
-        let time = Some(Timestamp { t_ns: t_us * 1000, digits: DIGITS });
+        let time = Some(Timestamp::micros(start_ns + completed.end_ns + delay_ns as i64));
         rows.push(ReceivedSample { time, is_received: true, sample: completed.sample, has_clock: true });
         motion.extend(reference.iter().map(ReferenceSample::row));
     }
@@ -60,7 +57,7 @@ impl SimulatedRecording {
     pub fn link_log(&self) -> String {
         let (map, mut text) = (CanIdMap::default(), String::new());
         for row in &self.rows {
-            let stamp = stamp(row.time.map_or(0, |time| time.t_ns));
+            let stamp = row.time.unwrap_or(Timestamp::micros(0));
             for frame in map.frames(&row.sample) {
                 let _ = write!(text, "({stamp}) can0 {:03X}#", frame.id());
                 frame.data().iter().for_each(|byte| {
@@ -76,7 +73,7 @@ impl SimulatedRecording {
     pub fn reference_csv(&self) -> String {
         let mut text = "t_s,rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s,theta_deg,psi_deg\n".to_owned();
         for pair in self.motion.windows(2) {
-            let end = stamp(self.reference.start_ns + (pair[1].t_s * 1e9).round() as i64);
+            let end = Timestamp::micros(self.reference.start_ns + (pair[1].t_s * 1e9).round() as i64);
             let length_s = pair[1].t_s - pair[0].t_s;
             let [x, y, z] = pair[1].angle_control_arcsec.map(|angle| angle / length_s);
             let (theta_rad, psi_rad) = pair[1].theta_psi_rad.unwrap_or_default();
@@ -85,10 +82,4 @@ impl SimulatedRecording {
         }
         text
     }
-}
-
-/// A time in ns as seconds with six decimals.
-fn stamp(ns: i64) -> String {
-    let micros = (ns + 500) / 1000;
-    format!("{}.{:06}", micros / 1_000_000, micros % 1_000_000)
 }

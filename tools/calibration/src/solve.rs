@@ -20,14 +20,14 @@ mod parameter;
 mod redundancy;
 mod solution;
 
-use geu_model::package::Calibration;
+use geu_model::package::{Calibration, dot};
 use geu_model::units::ARCSEC_PER_RAD;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use crate::noise::{ErrorTerm, RandomWalks};
 use covariance::covariances;
 pub(crate) use covariance::shared_covariance;
-pub use parameter::{BEFORE_LAUNCH, CalibrationParameter, PER_GYRO, UNKNOWNS, dot, off_axes, own_axis, sensing_axis};
+pub use parameter::{BEFORE_LAUNCH, CalibrationParameter, PER_GYRO, UNKNOWNS, off_axes, own_axis, sensing_axis};
 pub use redundancy::ParityOfHeads;
 pub use solution::{Residual, Solution, probability, values, values_of};
 

@@ -2,9 +2,10 @@
 
 use geu_model::Configuration;
 use geu_model::package::{Axes, Calibration};
-use geu_model::units::ARCSEC_PER_RAD;
 use geu_protocol::Gyro;
-use nalgebra::{Matrix3x4, Matrix4x3, MatrixXx3, Vector3, Vector4};
+use nalgebra::{Matrix3x4, Matrix4x3, MatrixXx3, RowVector3, Vector3, Vector4};
+
+use crate::solve::sensing_axis;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum GyroSet {
@@ -28,21 +29,14 @@ impl GyroSet {
 
 /// M of eq 2: a row per gyro, columns X, Y, Z; 1 on the own axis by definition.
 pub fn misalignment_matrix(calibrations: &[Calibration]) -> Matrix4x3<f64> {
-    Matrix4x3::from_fn(|gyro, axis| {
-        let own = Axes::of(Gyro::ALL[gyro]).input_control[axis];
-        let Calibration { x_arcsec, y_arcsec, z_arcsec, .. } = calibrations[gyro];
-        if own == 0.0 { [x_arcsec, y_arcsec, z_arcsec][axis] / ARCSEC_PER_RAD } else { own }
-    })
+    Matrix4x3::from_fn(|gyro, axis| sensing_axis(Axes::of(Gyro::ALL[gyro]).input_control, &calibrations[gyro])[axis])
 }
 
 /// M of eq 2 of any unit: a row per head, its input axis and the configured projections.
 pub fn sensing_matrix(configuration: &Configuration) -> MatrixXx3<f64> {
     let heads = configuration.device.heads.iter().zip(&configuration.gyros);
-    let row = heads.map(|(head, own)| {
-        let Calibration { x_arcsec, y_arcsec, z_arcsec, .. } = own.calibration;
-        Vector3::from(head.axes.input_control) + Vector3::new(x_arcsec, y_arcsec, z_arcsec) / ARCSEC_PER_RAD
-    });
-    MatrixXx3::from_rows(&row.map(|row| row.transpose()).collect::<Vec<_>>())
+    let row = heads.map(|(head, own)| RowVector3::from(sensing_axis(head.axes.input_control, &own.calibration)));
+    MatrixXx3::from_rows(&row.collect::<Vec<_>>())
 }
 
 /// Equation 3 with a calibration put in.

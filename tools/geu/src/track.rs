@@ -9,7 +9,7 @@ use geu_calibration::parity::ParityResidual;
 use geu_calibration::{DeviceTracker, GyroSelection, PriorCalibration, Track, Tracker, TrackerEvent};
 use geu_model::Configuration;
 use geu_model::units::{ARCSEC_PER_DEG, ARCSEC_PER_RAD};
-use geu_recording::{Decode, Defect, InputReader, Sink};
+use geu_recording::{Decode, InputReader, Sink};
 use geu_report::rows::{TrackFormat, instant, track_difference, track_header, write_track};
 use nalgebra::{Quaternion, UnitQuaternion};
 
@@ -317,10 +317,6 @@ impl<R, P: FnMut(&R) -> Option<Track>> Sink<R> for Writer<'_, P> {
             }
         }
         self.statistics.last = Some(track);
-    }
-
-    fn defect(&mut self, _defect: &Defect) {
-        // Lost samples are seen as a gap; the summary counts the defects.
     }
 
     fn flush(&mut self) {

@@ -7,7 +7,7 @@ use std::thread::{self, sleep};
 use std::time::Duration;
 
 use clap::Args;
-use geu_recording::{Decode, Defect, InputReader, ReferenceAttitude, Sink};
+use geu_recording::{Decode, InputReader, ReferenceAttitude, Sink};
 use geu_watch::{DeviceMonitor, Event, FALSE_ALARM_INTERVAL_DAYS, Monitor, THRESHOLD};
 use serde_json::Value;
 use ureq::http::Method;
@@ -171,10 +171,6 @@ impl<R, P: FnMut(&R) -> Vec<Event>> Sink<R> for Printer<P> {
             }
             self.publisher.iter().for_each(|publisher| publisher.post(event.clone()));
         }
-    }
-
-    fn defect(&mut self, _defect: &Defect) {
-        // Lost samples are an interruption; the summary counts the defects.
     }
 
     fn is_closed(&self) -> bool {

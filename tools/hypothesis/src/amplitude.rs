@@ -129,17 +129,6 @@ impl AmplitudeRef {
         matches!(self.parameter, AmplitudeSource::Effect(target) if target.filters_motion())
     }
 
-    /// True if both are amplitudes of one effect.
-    pub fn is_of_same_effect(&self, other: &AmplitudeRef) -> bool {
-        match (self.parameter, other.parameter) {
-            (AmplitudeSource::Effect(one), AmplitudeSource::Effect(other)) => {
-                (one.list, one.effect) == (other.list, other.effect)
-            }
-            (AmplitudeSource::Term(_), AmplitudeSource::Term(_)) => true,
-            _ => false,
-        }
-    }
-
     /// Index among the effect's numbers.
     fn index(&self) -> usize {
         match self.parameter {

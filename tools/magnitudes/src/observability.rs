@@ -1,11 +1,12 @@
 //! Observability of biases and scale, and the spin that would improve it.
 
+use geu_model::package::dot;
 use nalgebra::{DMatrix, DVector};
 
 use crate::fit::{Fit, cosine, inverse};
 use crate::model::Parameter;
 use crate::noise::Noise;
-use crate::windows::{Windows, dot};
+use crate::windows::Windows;
 
 /// Smallest eigenvalue of the cosines with which the condition number is finite.
 const MIN_EIGENVALUE: f64 = 1e-12;
@@ -86,7 +87,7 @@ pub(crate) fn observability(windows: &Windows, noise: &Noise, fitted: &Fit) -> O
     let simulated = |spin_arcsec_s| {
         let gyros = windows.gyros.iter().enumerate();
         let rates =
-            gyros.map(|(gyro, own)| dot(&own.input, &spin_arcsec_s) * scale + fitted.value(Parameter::Bias(gyro)));
+            gyros.map(|(gyro, own)| dot(own.input, spin_arcsec_s) * scale + fitted.value(Parameter::Bias(gyro)));
         let with = windows.with_spin(spin_arcsec_s, &rates.collect::<Vec<_>>(), count);
         let Observability { sigmas_free, cosines, condition, .. } = signatures(&with, noise, &parameters, fitted);
         CandidateSpin { spin_arcsec_s, windows: count, sigmas_free, cosines, condition }

@@ -1,5 +1,7 @@
 //! The data: windows, each with the mean rate of every gyro, the reference magnitude and a group.
 
+use geu_model::package::dot;
+
 use crate::model::norm;
 
 /// Product of two unit vectors from which axes are not perpendicular.
@@ -54,7 +56,7 @@ impl Windows {
     /// [`MagnitudeError::Axes`].
     pub fn new(gyros: Vec<Gyro>) -> Result<Windows, MagnitudeError> {
         let pairs = [(0, 1), (1, 2), (2, 0)];
-        let dot = |(one, other): (usize, usize)| dot(&gyros[one].input, &gyros[other].input).abs();
+        let dot = |(one, other): (usize, usize)| dot(gyros[one].input, gyros[other].input).abs();
         if gyros.len() != 3 || pairs.into_iter().map(dot).any(|product| product > PERPENDICULAR) {
             let axis =
                 |gyro: &Gyro| format!("{} about {}", gyro.name, gyro.input.map(|part| format!("{part:.2}")).join(" "));
@@ -130,9 +132,4 @@ impl Windows {
         with.windows.extend(std::iter::repeat_n(window, count));
         with
     }
-}
-
-/// Product of two vectors.
-pub(crate) fn dot(one: &[f64; 3], other: &[f64; 3]) -> f64 {
-    one.iter().zip(other).map(|(one, other)| one * other).sum()
 }

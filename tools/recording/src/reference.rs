@@ -153,7 +153,7 @@ impl ReferenceAttitude {
             TableError::Rows { name: name.to_owned(), line, source }
         })?;
         let start_ns = base_ns.saturating_add((truth.start_s() * 1e9).round() as i64);
-        Ok(ReferenceAttitude { time_system, ..ReferenceAttitude::of_truth(start_ns, truth.starting_at_zero()) })
+        Ok(ReferenceAttitude { time_system, ..ReferenceAttitude::of_truth(start_ns, truth.starting_at(0.0)) })
     }
 }
 

@@ -61,7 +61,8 @@ pub trait Sink<R = ReceivedSample> {
     /// Called with the bytes of a serial recording, before their rows and defects.
     fn bytes(&mut self, _bytes: &[u8]) {}
     fn row(&mut self, row: &R);
-    fn defect(&mut self, defect: &Defect);
+    /// Samples that a defect lost are a gap between rows too, and the summary counts the defects.
+    fn defect(&mut self, _defect: &Defect) {}
     /// Called when a live input has nothing more for now.
     fn flush(&mut self) {}
     fn is_closed(&self) -> bool {

@@ -49,15 +49,6 @@ pub struct DecodeSummary {
     pub is_timed: bool,
 }
 
-/// `seconds.fraction` with six to nine decimals.
-fn seconds(time: Timestamp) -> String {
-    let digits = usize::from(time.digits.clamp(6, 9));
-    let magnitude = time.t_ns.unsigned_abs();
-    let fraction = format!("{:09}", magnitude % 1_000_000_000);
-    let sign = if time.t_ns < 0 { "-" } else { "" };
-    format!("{sign}{}.{}", magnitude / 1_000_000_000, &fraction[..digits])
-}
-
 impl Display for DecodeSummary {
     fn fmt(&self, out: &mut Formatter) -> fmt::Result {
         for (name, kind) in &self.inputs {
@@ -68,7 +59,7 @@ impl Display for DecodeSummary {
         }
         line(out, "rows", self.rows)?;
         if let Some((first, last)) = self.span {
-            line(out, "span_s", format_args!("{} to {}", seconds(first), seconds(last)))?;
+            line(out, "span_s", format_args!("{first} to {last}"))?;
         }
         if let Some(interface) = self.interface.as_ref().filter(|name| !name.is_empty()) {
             line(out, "interface", interface)?;
@@ -145,7 +136,7 @@ impl DecodeSummary {
     fn write_sequence(&self, out: &mut Formatter) -> fmt::Result {
         line(out, if self.device.is_some() { "samples-lost" } else { "half-seconds-lost" }, self.lost)?;
         for (place, time, lost) in &self.gaps {
-            let time = time.map_or(String::new(), |time| format!(" t_s {}", seconds(time)));
+            let time = time.map_or(String::new(), |time| format!(" t_s {time}"));
             line(out, "gap", format_args!("{lost} before {place}{time}"))?;
         }
         line(out, "repeats", self.repeats)?;

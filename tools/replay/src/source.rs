@@ -10,7 +10,7 @@ use geu_protocol::can::{Assembler, AssemblerEvent, Role};
 use geu_protocol::capture::CaptureRecord;
 use geu_protocol::{CanFrame, Sample};
 use geu_recorder::link_model::WireData;
-use geu_recording::{Defect, Sink};
+use geu_recording::Sink;
 
 use crate::ReplaySelection;
 use crate::clock::ReplayClock;
@@ -340,8 +340,6 @@ impl<R> Sink<R> for ReplaySource {
     }
 
     fn row(&mut self, _row: &R) {}
-
-    fn defect(&mut self, _defect: &Defect) {}
 
     fn flush(&mut self) {
         self.hand_over();

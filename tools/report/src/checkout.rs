@@ -7,6 +7,7 @@ use geu_calibration::checkout::{MonteCarlo, PrecautionResult};
 use geu_calibration::solve::{CalibrationParameter, Solution, UNKNOWNS};
 use geu_protocol::Gyro;
 
+use crate::calibration::sigma_unit;
 use crate::text_table::text_table;
 
 /// Two checkouts of one unit against the truth, and their combination.
@@ -14,7 +15,7 @@ pub fn twice_table(truth: &[f64; UNKNOWNS], [one, two]: [&Solution; 2], comparis
     let (firsts, seconds, both) = (one.values(), two.values(), comparison.combined.values());
     let sigmas = [one.sigmas(), two.sigmas(), comparison.combined.sigmas()];
     let rows = CalibrationParameter::all().enumerate().map(|(index, parameter)| {
-        let size = scale(parameter).0;
+        let size = sigma_unit(parameter).0;
         let error = |value: f64, sigma: f64| format!("{:+.2} ± {:.2}", (value - truth[index]) * size, sigma * size);
         [
             parameter.label(),
@@ -43,15 +44,10 @@ pub fn twice_table(truth: &[f64; UNKNOWNS], [one, two]: [&Solution; 2], comparis
     text
 }
 
-/// Factor and unit of a parameter's errors.
-fn scale(parameter: CalibrationParameter) -> (f64, &'static str) {
-    [(1e6, "ppm"), (7200.0, "arcsec/h"), (1.0, "arcsec")][parameter.index.min(2)]
-}
-
 /// A campaign for a terminal.
 pub fn campaign_table(campaign: &MonteCarlo) -> String {
     let rows = campaign.scatter.iter().enumerate().map(|(index, found)| {
-        let (size, unit) = scale(found.parameter);
+        let (size, unit) = sigma_unit(found.parameter);
         [
             found.parameter.label(),
             unit.to_owned(),
@@ -96,7 +92,7 @@ pub fn precautions_table(outcomes: &[PrecautionResult]) -> String {
     };
     text += &row("", &|index, _| format!("({})", index + 1), Some("sigma".to_owned()));
     for (index, parameter) in CalibrationParameter::all().enumerate() {
-        let size = scale(parameter).0;
+        let size = sigma_unit(parameter).0;
         let sigma = outcomes.first().map_or(f64::NAN, |outcome| outcome.sigmas[index]);
         let error = |_, outcome: &PrecautionResult| format!("{:+.2}", outcome.errors[index] * size);
         text += &row(&parameter.label(), &error, Some(format!("{:.2}", sigma * size)));

@@ -63,6 +63,12 @@ pub(crate) fn table(caption: &str, header: &[&str], rows: impl IntoIterator<Item
     text + "</tbody>\n</table>\n</div>\n"
 }
 
+/// A table; `None` without rows.
+pub(crate) fn table_if_any(caption: &str, header: &[&str], rows: impl Iterator<Item = Vec<String>>) -> Option<String> {
+    let mut rows = rows.peekable();
+    rows.peek().is_some().then(|| table(caption, header, rows))
+}
+
 /// A cell of prose.
 pub(crate) fn prose(text: &str) -> String {
     format!("<span class=\"prose\">{}</span>", escape(text))

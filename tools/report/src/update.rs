@@ -3,24 +3,21 @@
 use geu_calibration::CalibrationUpdate;
 use geu_calibration::compare::MIN_PROBABILITY;
 use geu_calibration::update::{
-    BEYOND_SIGMAS, DRIFT_PER_FORTNIGHT, GYROS, ParameterUpdate, SCALE_FACTOR_PER_FORTNIGHT, SCALE_FACTOR_PER_HALF_HOUR,
+    BEYOND_SIGMAS, DRIFT_PER_FORTNIGHT, GYROS, SCALE_FACTOR_PER_FORTNIGHT, SCALE_FACTOR_PER_HALF_HOUR,
 };
 use geu_model::units::S_PER_DAY;
 use geu_protocol::map;
 use geu_protocol::template::{Value, engine, filled};
 
 use crate::calendar::utc;
+use crate::calibration::sigma_unit;
 use crate::text_table::text_table;
-
-/// Decimals of a value, and factor and unit of its changes: scale factors are ratios with changes in ppm, drifts in arcsec/h.
-fn scale(change: &ParameterUpdate) -> (usize, f64, &'static str) {
-    if change.parameter.index == 0 { (7, 1e6, "ppm") } else { (6, 7200.0, "arcsec/h") }
-}
 
 /// The result for a terminal.
 pub fn table(update: &CalibrationUpdate) -> String {
     let rows = update.changes.iter().map(|change| {
-        let (decimals, size, unit) = scale(change);
+        let (size, unit) = sigma_unit(change.parameter);
+        let decimals = if change.parameter.index == 0 { 7 } else { 6 };
         let verdict = if change.is_beyond_stability() {
             "more than stability allows"
         } else if !change.is_observable() {
@@ -100,7 +97,7 @@ fn due(update: &CalibrationUpdate) -> Value {
     };
     let known = |kind: usize| -> Value {
         let own = update.changes.iter().filter(|change| change.parameter.index == kind).map(|change| {
-            let (_, size, unit) = scale(change);
+            let (size, unit) = sigma_unit(change.parameter);
             map! { gyro: change.parameter.gyro.name(), sigma: change.new_sigma * size, unit: unit,
             due: in_days(change.due_in_s) }
         });
@@ -111,7 +108,7 @@ fn due(update: &CalibrationUpdate) -> Value {
         expected: short.expected_rms * 1e6, excess: short.excess() * 1e6 }
     });
     let beyond = update.changes.iter().filter(|change| change.is_beyond_stability()).map(|change| {
-        let (_, size, unit) = scale(change);
+        let (size, unit) = sigma_unit(change.parameter);
         map! { label: change.parameter.label(), change: change.change() * size, unit: unit,
         beyond: change.beyond_stability().abs(), allowed: change.allowed * size }
     });

@@ -2,127 +2,59 @@
 
 use geu_protocol::Gyro;
 
-use super::Expected::{AtMost, Value};
 use super::estimate::{
     LineFit, ROUNDING_VARIANCE, allan_variance, curvature, freedom_of_walking_rate, freedom_of_white_rate,
 };
 use super::receiver::Row;
-use super::{Estimate, Experiment, claim};
+use super::{Estimate, Measurement};
 use geu_model::units::{ARCSEC_PER_DEG, S_PER_DAY};
 
 const S_PER_H: f64 = 3600.0;
 /// Table 1's half hour.
 const HALF_HOUR_S: f64 = 1800.0;
 
-pub const EXPERIMENTS: &[Experiment] = &[
-    Experiment {
-        name: "drift",
-        noise: false,
-        // Three quarters of a count per sample interval repeat forever, also with a small error added. The limit cycle breaks
-        // this repetition.
-        configuration: "
-            scenario.limit_cycle = { rate_arcsec_s = 4, period_s = 4.7183 }
-            gyro.GYRY.drift.arcsec_per_h = 5400
-        ",
-        claims: &[claim("largest drift rate", "table 1", Value(1.5, 0.0), "°/h")],
-        measure: |receiver| {
-            let rows = receiver.listen(S_PER_H);
-            let line = LineFit::new(rows.iter().map(|row| (row.t_s, row.residual(Gyro::Y))));
-            vec![line.slope.times(-S_PER_H / ARCSEC_PER_DEG)]
-        },
-    },
-    Experiment {
-        name: "drift ramp",
-        noise: false,
-        configuration: "gyro.GYRX.drift-ramp.arcsec_per_h_per_day = 0.4",
-        claims: &[
-            claim("drift ramp", "model", Value(0.4, 0.0), "″/h per day"),
-            claim("drift change in 2 weeks", "§3.1, table 1", AtMost(6.0), "″/h"),
-        ],
-        measure: |receiver| {
-            let rows = receiver.listen_every(120, 14.0 * S_PER_DAY);
-            let points = rows.iter().map(|row| (row.t_s / S_PER_DAY - 7.0, row.residual(Gyro::X)));
-            let ramp = curvature(points).times(-2.0 / 24.0);
-            vec![ramp, ramp.times(14.0)]
-        },
-    },
-    Experiment {
-        name: "angle random walk",
-        noise: true,
-        // A scan turns through many counts between samples, so that their rounding is as good as independent; the limit
-        // cycle does it for GYRY, with a period that never repeats.
-        configuration: "
-            scenario = { theta_deg = 60, limit_cycle = { rate_arcsec_s = 4, period_s = 4.7183 } }
-            manoeuvre = [{ kind = \"x-scan\", angle_deg = 36000 }]
-            [gyro]
-            GYRX.angle-random-walk.arcsec_per_sqrt_s = 0.01
-            GYRY.angle-random-walk.arcsec_per_sqrt_s = 0.01
-            GYRZA.angle-random-walk.arcsec_per_sqrt_s = 0.01
-            GYRZB.angle-random-walk.arcsec_per_sqrt_s = 0.01
-        ",
-        claims: &[claim("angle random walk", "model", Value(0.01, 0.0), "″/√s")],
-        measure: |receiver| {
-            let (block_s, blocks) = (30.0, 10);
-            let phases = block_means(&receiver.listen(43_200.0), block_s);
-            let tau_s = block_s * blocks as f64;
-            // A walk averaged over a block w has 1 − w/(2τ) of the Allan variance N²/τ of the walk itself.
-            let law = (1.0 - block_s / (2.0 * tau_s)) / tau_s;
-            vec![root(&phases, block_s, blocks, freedom_of_white_rate, law)]
-        },
-    },
-    Experiment {
-        name: "drift random walk",
-        noise: true,
-        configuration: "
-            scenario = { theta_deg = 60, limit_cycle = { rate_arcsec_s = 4, period_s = 4.7183 } }
-            manoeuvre = [{ kind = \"x-scan\", angle_deg = 36000 }]
-            [gyro]
-            GYRX.drift-random-walk.arcsec_per_s_per_sqrt_s = 8e-6
-            GYRY.drift-random-walk.arcsec_per_s_per_sqrt_s = 8e-6
-            GYRZA.drift-random-walk.arcsec_per_s_per_sqrt_s = 8e-6
-            GYRZB.drift-random-walk.arcsec_per_s_per_sqrt_s = 8e-6
-        ",
-        claims: &[
-            claim("drift random walk", "model", Value(8.0, 0.0), "1e-6 ″/s/√s"),
-            claim("drift change over 30 min, 3 sigma", "§3.1, table 1", Value(3.6, 0.05), "″/h"),
-        ],
-        measure: |receiver| {
-            let (block_s, blocks) = (60.0, 30);
-            let phases = block_means(&receiver.listen(1.5 * S_PER_DAY), block_s);
-            let walk = root(&phases, block_s, blocks, freedom_of_walking_rate, HALF_HOUR_S / 3.0);
-            vec![walk.times(1e6), walk.times(3.0 * HALF_HOUR_S.sqrt() * S_PER_H)]
-        },
-    },
-    Experiment {
-        name: "bounded drift walk",
-        noise: true,
-        configuration: "
-            scenario = { theta_deg = 60, limit_cycle = { rate_arcsec_s = 4, period_s = 4.7183 } }
-            manoeuvre = [{ kind = \"x-scan\", angle_deg = 36000 }]
-            [gyro]
-            GYRX.drift-random-walk = { arcsec_per_s_per_sqrt_s = 8e-6, correlation_time_s = 10000 }
-            GYRY.drift-random-walk = { arcsec_per_s_per_sqrt_s = 8e-6, correlation_time_s = 10000 }
-            GYRZA.drift-random-walk = { arcsec_per_s_per_sqrt_s = 8e-6, correlation_time_s = 10000 }
-            GYRZB.drift-random-walk = { arcsec_per_s_per_sqrt_s = 8e-6, correlation_time_s = 10000 }
-        ",
-        claims: &[claim("drift deviation, 10 000 s correlation", "model", Value(2.0, 0.5), "″/h")],
-        measure: |receiver| {
-            let (block_s, correlation_s) = (600.0, 10_000.0);
-            receiver.listen_every(u64::MAX, 3.0 * correlation_s);
-            let rows = receiver.listen(2.5 * S_PER_DAY);
-            let length_s = rows[rows.len() - 1].t_s - rows[0].t_s;
-            let (mut sum, mut count) = (0.0, 0.0);
-            for phase in block_means(&rows, block_s) {
-                for pair in phase.windows(2) {
-                    sum += ((pair[1] - pair[0]) / block_s).powi(2);
-                    count += 1.0;
-                }
+pub const MEASUREMENTS: &[Measurement] = &[
+    ("drift", |receiver| {
+        let rows = receiver.listen(S_PER_H);
+        let line = LineFit::new(rows.iter().map(|row| (row.t_s, row.residual(Gyro::Y))));
+        vec![line.slope.times(-S_PER_H / ARCSEC_PER_DEG)]
+    }),
+    ("drift ramp", |receiver| {
+        let rows = receiver.listen_every(120, 14.0 * S_PER_DAY);
+        let points = rows.iter().map(|row| (row.t_s / S_PER_DAY - 7.0, row.residual(Gyro::X)));
+        let ramp = curvature(points).times(-2.0 / 24.0);
+        vec![ramp, ramp.times(14.0)]
+    }),
+    ("angle random walk", |receiver| {
+        let (block_s, blocks) = (30.0, 10);
+        let phases = block_means(&receiver.listen(43_200.0), block_s);
+        let tau_s = block_s * blocks as f64;
+        // A walk averaged over a block w has 1 − w/(2τ) of the Allan variance N²/τ of the walk itself.
+        let law = (1.0 - block_s / (2.0 * tau_s)) / tau_s;
+        vec![root(&phases, block_s, blocks, freedom_of_white_rate, law)]
+    }),
+    ("drift random walk", |receiver| {
+        let (block_s, blocks) = (60.0, 30);
+        let phases = block_means(&receiver.listen(1.5 * S_PER_DAY), block_s);
+        let walk = root(&phases, block_s, blocks, freedom_of_walking_rate, HALF_HOUR_S / 3.0);
+        vec![walk.times(1e6), walk.times(3.0 * HALF_HOUR_S.sqrt() * S_PER_H)]
+    }),
+    ("bounded drift walk", |receiver| {
+        let (block_s, correlation_s) = (600.0, 10_000.0);
+        receiver.listen_every(u64::MAX, 3.0 * correlation_s);
+        let rows = receiver.listen(2.5 * S_PER_DAY);
+        let length_s = rows[rows.len() - 1].t_s - rows[0].t_s;
+        let (mut sum, mut count) = (0.0, 0.0);
+        for phase in block_means(&rows, block_s) {
+            for pair in phase.windows(2) {
+                sum += ((pair[1] - pair[0]) / block_s).powi(2);
+                count += 1.0;
             }
-            // The mean square of a Gauss-Markov process over a time T has the relative variance 2 · correlation/T.
-            let deviation = (sum / count).sqrt() * S_PER_H;
-            vec![Estimate::new(deviation, deviation * (correlation_s / (2.0 * 4.0 * length_s)).sqrt())]
-        },
-    },
+        }
+        // The mean square of a Gauss-Markov process over a time T has the relative variance 2 · correlation/T.
+        let deviation = (sum / count).sqrt() * S_PER_H;
+        vec![Estimate::new(deviation, deviation * (correlation_s / (2.0 * 4.0 * length_s)).sqrt())]
+    }),
 ];
 
 /// Residual angle of each gyro, averaged over blocks; this divides the rounding variance by the samples of a block.

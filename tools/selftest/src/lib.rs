@@ -26,8 +26,11 @@ pub use estimate::Estimate;
 pub use receiver::{Receiver, Row};
 pub use scale_factor::{BestLine, transfer_function};
 
+use std::sync::LazyLock;
+
 use geu_model::Configuration;
-use geu_model::configuration::ConfigurationError;
+use geu_model::configuration::{ConfigText, ConfigurationError, Node};
+use geu_model::parameter_spec::ValueFormat;
 
 /// Largest accepted distance of a measurement from the expected range.
 pub const LIMIT_SIGMA: f64 = 5.0;
@@ -63,9 +66,10 @@ pub struct PublishedValue {
     pub unit: &'static str,
 }
 
-const fn claim(what: &'static str, source: &'static str, expected: Expected, unit: &'static str) -> PublishedValue {
-    PublishedValue { what, source, expected, unit }
-}
+type Measure = fn(&mut Receiver) -> Vec<Estimate>;
+
+/// The name of an experiment of `experiments.toml`, and how it is measured.
+type Measurement = (&'static str, Measure);
 
 /// A unit, and the measurements of it.
 pub struct Experiment {
@@ -75,9 +79,9 @@ pub struct Experiment {
     /// The unit: one effect at the paper's value, all others absent.
     pub configuration: &'static str,
     /// Published values, in the order of measurement.
-    pub claims: &'static [PublishedValue],
+    pub claims: Vec<PublishedValue>,
     /// Measures it, one estimate for each claim.
-    pub measure: fn(&mut Receiver) -> Vec<Estimate>,
+    pub measure: Measure,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -101,17 +105,66 @@ impl ClaimCheck {
 }
 
 pub fn experiments() -> impl Iterator<Item = &'static Experiment> {
-    [
-        unit::EXPERIMENTS,
-        drift::EXPERIMENTS,
-        scale_factor::EXPERIMENTS,
-        pivot::EXPERIMENTS,
-        alignment::EXPERIMENTS,
-        motion::EXPERIMENTS,
-        further::EXPERIMENTS,
-    ]
-    .into_iter()
-    .flatten()
+    static TEXT: LazyLock<ConfigText> = LazyLock::new(|| {
+        ConfigText::parse("experiments.toml", include_str!("experiments.toml"))
+            .unwrap_or_else(|error| panic!("{error}"))
+    });
+    static EXPERIMENTS: LazyLock<Vec<Experiment>> = LazyLock::new(|| {
+        let nodes = TEXT.root().tables("experiment");
+        let read = nodes.and_then(|nodes| nodes.iter().map(Experiment::read).collect());
+        read.unwrap_or_else(|error| panic!("{error}"))
+    });
+    EXPERIMENTS.iter()
+}
+
+const MEASUREMENTS: [&[Measurement]; 7] = [
+    unit::MEASUREMENTS,
+    drift::MEASUREMENTS,
+    scale_factor::MEASUREMENTS,
+    pivot::MEASUREMENTS,
+    alignment::MEASUREMENTS,
+    motion::MEASUREMENTS,
+    further::MEASUREMENTS,
+];
+
+impl Experiment {
+    fn read(node: &Node<'static>) -> Result<Experiment, ConfigurationError> {
+        node.only(&["name", "noise", "reference", "configuration", "claims"])?;
+        let is_set = |key: &str| Ok(node.value(key, ValueFormat::Flag, 0.0, 1.0)? == Some(1.0));
+        let name = node.text("name")?;
+        let measurement = MEASUREMENTS.into_iter().flatten().find(|(own, _)| *own == name);
+        let (_, measure) = measurement.ok_or_else(|| node.unexpected("name", "the name of a measurement"))?;
+        Ok(Experiment {
+            name,
+            noise: is_set("noise")?,
+            configuration: match node.keys().contains(&"configuration") {
+                true => node.text("configuration")?,
+                false if is_set("reference")? => Configuration::reference_text(),
+                false => "",
+            },
+            claims: node.tables("claims")?.iter().map(PublishedValue::read).collect::<Result<_, _>>()?,
+            measure: *measure,
+        })
+    }
+}
+
+impl PublishedValue {
+    fn read(node: &Node<'static>) -> Result<PublishedValue, ConfigurationError> {
+        node.only(&["what", "source", "value", "rounding", "min", "max", "unit"])?;
+        let number = |key: &str| node.value(key, ValueFormat::Real, f64::MIN, f64::MAX);
+        let expected = match (number("value")?, number("min")?, number("max")?) {
+            (Some(value), None, None) => Expected::Value(value, number("rounding")?.unwrap_or(0.0)),
+            (None, None, Some(max)) => Expected::AtMost(max),
+            (None, Some(min), Some(max)) => Expected::Between(min, max),
+            _ => return Err(node.unexpected("value", "a value, a max, or min and max")),
+        };
+        Ok(PublishedValue {
+            what: node.text("what")?,
+            source: node.text("source")?,
+            expected,
+            unit: node.text("unit")?,
+        })
+    }
 }
 
 /// Runs an experiment; `overrides`, each `PATH=VALUE`, change its unit.
@@ -122,10 +175,21 @@ pub fn measure(
     experiment: &'static Experiment,
     seed: u64,
     overrides: &[String],
-) -> std::result::Result<Vec<ClaimCheck>, ConfigurationError> {
+) -> Result<Vec<ClaimCheck>, ConfigurationError> {
     let mut configuration = Configuration::parse(experiment.name, experiment.configuration, overrides)?;
     configuration.seed = seed;
     let measured = (experiment.measure)(&mut Receiver::new(&configuration));
     assert_eq!(measured.len(), experiment.claims.len(), "{}: an estimate for each claim", experiment.name);
     Ok(experiment.claims.iter().zip(measured).map(|(claim, measured)| ClaimCheck { claim, measured }).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_measurement_is_of_an_experiment() {
+        let names: Vec<&str> = experiments().map(|experiment| experiment.name).collect();
+        assert!(MEASUREMENTS.into_iter().flatten().all(|(name, _)| names.contains(name)));
+    }
 }

@@ -2,103 +2,41 @@
 
 use geu_protocol::Gyro;
 
-use super::Expected::{AtMost, Between, Value};
 use super::estimate::{Fit, LineFit, amplitude_of};
 use super::receiver::{Row, between};
-use super::{Estimate, Experiment, claim};
+use super::{Estimate, Measurement};
 use geu_model::units::{ARCSEC_PER_DEG, S_PER_DAY};
 
 const ARCSEC_PER_TURN: f64 = 360.0 * ARCSEC_PER_DEG;
 
-pub const EXPERIMENTS: &[Experiment] = &[
-    Experiment {
-        name: "survey",
-        noise: false,
-        configuration: "manoeuvre = [{ kind = \"survey\", scans = 1 }]",
-        claims: &[claim("survey about Z", "§5", Value(3.85, 0.005), "′/s")],
-        measure: |receiver| vec![rate_arcmin_s(&receiver.listen(450.0), Gyro::ZA, 20.0, 450.0)],
-    },
-    Experiment {
-        name: "orbital speed",
-        noise: false,
-        configuration: "manoeuvre = [{ kind = \"z-scan\" }]",
-        claims: &[
-            claim("orbital speed", "model", Value(3.495, 0.0005), "′/s"),
-            claim("orbit", "model", Value(6180.0, 0.0), "s"),
-            claim("orbital speed over survey's 3.85′/s, about 90 %", "§5", Between(88.0, 92.0), "%"),
-        ],
-        measure: |receiver| {
-            let speed = rate_arcmin_s(&receiver.listen(6180.0), Gyro::ZA, 20.0, 6180.0);
-            vec![speed, speed.relative_to(ARCSEC_PER_TURN / 60.0), speed.times(100.0 / 3.85)]
-        },
-    },
-    Experiment {
-        name: "Y-scan",
-        noise: false,
-        configuration: "
-            scenario.theta_deg = 60
-            manoeuvre = [{ kind = \"y-scan\", to_theta_deg = 120 }, { kind = \"y-scan\", to_theta_deg = 60 }]
-        ",
-        claims: &[
-            claim("Y-scan forward", "§5, §5.3", Value(12.0, 0.0), "′/s"),
-            claim("Y-scan back", "§5, §5.3", Value(-12.0, 0.0), "′/s"),
-        ],
-        measure: |receiver| {
-            let rows = receiver.listen(640.0);
-            vec![rate_arcmin_s(&rows, Gyro::Y, 20.5, 300.0), rate_arcmin_s(&rows, Gyro::Y, 340.5, 620.0)]
-        },
-    },
-    Experiment {
-        name: "X rates in survey",
-        noise: false,
-        configuration: "
-            scenario.theta_deg = 60
-            manoeuvre = [
-                { kind = \"survey\", scans = 1 },
-                { kind = \"y-scan\", to_theta_deg = 120 },
-                { kind = \"survey\", scans = 1 },
-            ]
-        ",
-        claims: &[
-            claim("X rate, survey at θ = 60°", "§5", Value(2.22, 0.005), "′/s"),
-            claim("X rate, survey at θ = 120°", "§5", Value(-2.22, 0.005), "′/s"),
-        ],
-        measure: |receiver| {
-            let rows = receiver.listen(1130.0);
-            vec![rate_arcmin_s(&rows, Gyro::X, 20.0, 395.0), rate_arcmin_s(&rows, Gyro::X, 760.0, 1130.0)]
-        },
-    },
-    Experiment {
-        name: "sun",
-        noise: false,
-        configuration: "",
-        claims: &[claim("a turn of the sun, seen in a pointing", "§5.1, §6", Value(365.25, 0.0), "d")],
-        measure: |receiver| {
-            let rows = receiver.listen(21_600.0);
-            vec![rate_arcmin_s(&rows, Gyro::X, 0.0, 21_600.0).relative_to(ARCSEC_PER_TURN / 60.0 / S_PER_DAY)]
-        },
-    },
-    Experiment {
-        name: "limit cycle",
-        noise: false,
-        configuration: "scenario.limit_cycle = { rate_arcsec_s = 5 }",
-        claims: &[
-            claim("limit cycle's largest rate", "§3.3", Value(5.0, 0.0), "″/s"),
-            claim("limit cycle's period", "§3.3", Value(5.0, 0.0), "s"),
-            claim("limit cycle's amplitude", "model", AtMost(5.0), "″"),
-        ],
-        measure: |receiver| {
-            let rows = receiver.listen(3600.0);
-            let (early, late) = (swing(between(&rows, 0.0, 1800.0)), swing(between(&rows, 1800.0, 3600.0)));
-            let amplitude =
-                Estimate::new(0.5 * (early.0.value + late.0.value), 0.5 * early.0.sigma.hypot(late.0.sigma));
-            // The phase shift in half an hour gives the difference of the period from 5 s.
-            let advance = late.1.minus(early.1).times(1.0 / std::f64::consts::TAU / 1800.0);
-            let period = Estimate::new(1.0 / 5.0 + advance.value, advance.sigma).relative_to(1.0);
-            let rate = amplitude.times(std::f64::consts::TAU).over(period);
-            vec![rate, period, amplitude]
-        },
-    },
+pub const MEASUREMENTS: &[Measurement] = &[
+    ("survey", |receiver| vec![rate_arcmin_s(&receiver.listen(450.0), Gyro::ZA, 20.0, 450.0)]),
+    ("orbital speed", |receiver| {
+        let speed = rate_arcmin_s(&receiver.listen(6180.0), Gyro::ZA, 20.0, 6180.0);
+        vec![speed, speed.relative_to(ARCSEC_PER_TURN / 60.0), speed.times(100.0 / 3.85)]
+    }),
+    ("Y-scan", |receiver| {
+        let rows = receiver.listen(640.0);
+        vec![rate_arcmin_s(&rows, Gyro::Y, 20.5, 300.0), rate_arcmin_s(&rows, Gyro::Y, 340.5, 620.0)]
+    }),
+    ("X rates in survey", |receiver| {
+        let rows = receiver.listen(1130.0);
+        vec![rate_arcmin_s(&rows, Gyro::X, 20.0, 395.0), rate_arcmin_s(&rows, Gyro::X, 760.0, 1130.0)]
+    }),
+    ("sun", |receiver| {
+        let rows = receiver.listen(21_600.0);
+        vec![rate_arcmin_s(&rows, Gyro::X, 0.0, 21_600.0).relative_to(ARCSEC_PER_TURN / 60.0 / S_PER_DAY)]
+    }),
+    ("limit cycle", |receiver| {
+        let rows = receiver.listen(3600.0);
+        let (early, late) = (swing(between(&rows, 0.0, 1800.0)), swing(between(&rows, 1800.0, 3600.0)));
+        let amplitude = Estimate::new(0.5 * (early.0.value + late.0.value), 0.5 * early.0.sigma.hypot(late.0.sigma));
+        // The phase shift in half an hour gives the difference of the period from 5 s.
+        let advance = late.1.minus(early.1).times(1.0 / std::f64::consts::TAU / 1800.0);
+        let period = Estimate::new(1.0 / 5.0 + advance.value, advance.sigma).relative_to(1.0);
+        let rate = amplitude.times(std::f64::consts::TAU).over(period);
+        vec![rate, period, amplitude]
+    }),
 ];
 
 /// Mean rate of a gyro's counts between two instants.

@@ -2,136 +2,65 @@
 
 use geu_protocol::Gyro;
 
-use super::Expected::{Between, Value};
 use super::estimate::{Fit, LineFit, amplitude_of, level};
 use super::receiver::{Row, between, reference_rates};
-use super::{Estimate, Experiment, Receiver, claim};
+use super::{Estimate, Measurement, Receiver};
 
-/// Two Y-scans, to one stop and to the other; the limit cycle turns X through many counts.
-macro_rules! ends {
-    ($clearance:literal) => {
-        concat!(
-            "
-            scenario.limit_cycle = { rate_arcsec_s = 4 }
-            manoeuvre = [{ kind = \"y-scan\", to_theta_deg = 100 }, { kind = \"y-scan\", to_theta_deg = 80 }]
-            gyro.GYRX.pivot-clearance.clearance_arcsec = ",
-            $clearance
-        )
-    };
-}
-
-pub const EXPERIMENTS: &[Experiment] = &[
-    Experiment {
-        name: "clearance",
-        noise: false,
-        configuration: ends!("14"),
-        claims: &[
-            claim("pivot clearance, end to end", "§3.3", Value(14.0, 0.0), "″"),
-            claim("a slew drives the float to its stop, half of that", "§3.3", Value(7.0, 0.0), "″"),
-        ],
-        measure: |receiver| {
-            let [end_to_end, stop] = ends(receiver);
-            vec![end_to_end, stop]
-        },
-    },
-    Experiment {
-        name: "clearance above the limit",
-        noise: false,
-        configuration: ends!("20"),
-        claims: &[claim("clearance of a unit beyond its 14″", "model", Value(20.0, 0.0), "″")],
-        measure: |receiver| vec![ends(receiver)[0]],
-    },
-    Experiment {
-        name: "transit",
-        noise: false,
-        // The rate about Y rises from 0 to 5″/s in 15 min and falls again; the float starts at the lower stop.
-        configuration: "
-            scenario.limit_cycle = { rate_arcsec_s = 5, period_s = 3600, phase_y_rad = 0, phase_x_rad = 1.5707963 }
-            gyro.GYRX.pivot-clearance = { clearance_arcsec = 14, preferred_arcsec = -7 }
-        ",
-        claims: &[
-            claim("transit over rate about the output axis", "§3.3", Value(1.0, 0.0), "%"),
-            claim("output-axis rate from which it moves so", "§3.3", Value(1.5, 0.0), "″/s"),
-        ],
-        measure: |receiver| {
-            let rows = receiver.listen(900.0);
-            let at_rest = level(between(&rows, 1.0, 150.0).iter().map(|row| row.residual(Gyro::X)));
-            // The part of the transit well away from either stop.
-            let passes = |arcsec: f64| {
-                rows.partition_point(|row| row.t_s < 150.0 || row.residual(Gyro::X) < at_rest.value + arcsec)
-            };
-            let (from, to) = (passes(2.0), passes(12.0));
-            if from + 2 > to {
-                return vec![Estimate::new(f64::NAN, 0.0); 2];
-            }
-            let transit =
-                LineFit::new(rows[from..to].iter().map(|row| (row.reference_arcsec[1], row.residual(Gyro::X))));
-            // The rate about Y where the transit's line leaves the level of rest.
-            let start_arcsec = transit.reaches(at_rest);
-            let rates: Vec<_> = reference_rates(&rows, 1).collect();
-            let rate_at = |arcsec: f64| {
-                rates
-                    .iter()
-                    .find(|(index, _)| rows[*index].reference_arcsec[1] >= arcsec)
-                    .map_or(f64::NAN, |rate| rate.1)
-            };
-            let sigma = 0.5
-                * (rate_at(start_arcsec.value + start_arcsec.sigma) - rate_at(start_arcsec.value - start_arcsec.sigma));
-            vec![transit.slope.times(100.0), Estimate::new(rate_at(start_arcsec.value), sigma)]
-        },
-    },
-    Experiment {
-        name: "creep",
-        noise: false,
-        // After the scan the float creeps from the upper stop to the lower; the limit cycle stays below 1.5″/s.
-        configuration: "
-            scenario.limit_cycle = { rate_arcsec_s = 1.4 }
-            manoeuvre = [{ kind = \"y-scan\", to_theta_deg = 100 }]
-            gyro.GYRX.pivot-clearance = { clearance_arcsec = 14, preferred_arcsec = -7 }
-        ",
-        claims: &[
-            claim("creep below 1.5″/s", "§3.3", Value(0.015, 0.0), "″/s"),
-            claim("largest transit time", "§3.3", Value(15.6, 0.05), "min"),
-        ],
-        measure: |receiver| {
-            let rows = receiver.listen(2200.0);
-            let slewing = |rate: f64| rate.abs() >= 1.5;
-            let slew_end_s = reference_rates(&rows, 1)
-                .filter(|(_, rate)| slewing(*rate))
-                .last()
-                .map_or(f64::NAN, |(index, _)| rows[index].t_s);
-            let residuals = |from_s: f64, to_s: f64| {
-                between(&rows, from_s, to_s).iter().map(|row| (row.t_s, row.residual(Gyro::X)))
-            };
-            let creep = LineFit::new(residuals(100.0, 950.0));
-            let home = level(residuals(1100.0, 2200.0).map(|point| point.1));
-            let arrival_s = creep.reaches(home);
-            let transit_s = Estimate::new(arrival_s.value - slew_end_s, arrival_s.sigma);
-            vec![creep.slope.times(-1.0), transit_s.times(1.0 / 60.0)]
-        },
-    },
-    Experiment {
-        name: "float in the limit cycle",
-        noise: false,
-        configuration: "
-            scenario.limit_cycle = { rate_arcsec_s = 5 }
-            gyro.GYRX.pivot-clearance.clearance_arcsec = 14
-        ",
-        claims: &[claim("swing of the float in a limit cycle: a fraction of", "§3.3", Between(0.02, 0.98), "″")],
-        measure: |receiver| {
-            let points: Vec<_> = receiver
-                .listen(36_000.0)
-                .iter()
-                .map(|row| {
-                    let (sin, cos) = libm::sincos(std::f64::consts::TAU * row.t_s / 5.0);
-                    ([1.0, sin, cos], row.residual(Gyro::X))
-                })
-                .collect();
-            let fit = Fit::new(&points);
-            // End to end.
-            vec![amplitude_of(fit.estimate(1), fit.estimate(2)).times(2.0)]
-        },
-    },
+pub const MEASUREMENTS: &[Measurement] = &[
+    ("clearance", |receiver| {
+        let [end_to_end, stop] = ends(receiver);
+        vec![end_to_end, stop]
+    }),
+    ("clearance above the limit", |receiver| vec![ends(receiver)[0]]),
+    ("transit", |receiver| {
+        let rows = receiver.listen(900.0);
+        let at_rest = level(between(&rows, 1.0, 150.0).iter().map(|row| row.residual(Gyro::X)));
+        // The part of the transit well away from either stop.
+        let passes =
+            |arcsec: f64| rows.partition_point(|row| row.t_s < 150.0 || row.residual(Gyro::X) < at_rest.value + arcsec);
+        let (from, to) = (passes(2.0), passes(12.0));
+        if from + 2 > to {
+            return vec![Estimate::new(f64::NAN, 0.0); 2];
+        }
+        let transit = LineFit::new(rows[from..to].iter().map(|row| (row.reference_arcsec[1], row.residual(Gyro::X))));
+        // The rate about Y where the transit's line leaves the level of rest.
+        let start_arcsec = transit.reaches(at_rest);
+        let rates: Vec<_> = reference_rates(&rows, 1).collect();
+        let rate_at = |arcsec: f64| {
+            rates.iter().find(|(index, _)| rows[*index].reference_arcsec[1] >= arcsec).map_or(f64::NAN, |rate| rate.1)
+        };
+        let sigma =
+            0.5 * (rate_at(start_arcsec.value + start_arcsec.sigma) - rate_at(start_arcsec.value - start_arcsec.sigma));
+        vec![transit.slope.times(100.0), Estimate::new(rate_at(start_arcsec.value), sigma)]
+    }),
+    ("creep", |receiver| {
+        let rows = receiver.listen(2200.0);
+        let slewing = |rate: f64| rate.abs() >= 1.5;
+        let slew_end_s = reference_rates(&rows, 1)
+            .filter(|(_, rate)| slewing(*rate))
+            .last()
+            .map_or(f64::NAN, |(index, _)| rows[index].t_s);
+        let residuals =
+            |from_s: f64, to_s: f64| between(&rows, from_s, to_s).iter().map(|row| (row.t_s, row.residual(Gyro::X)));
+        let creep = LineFit::new(residuals(100.0, 950.0));
+        let home = level(residuals(1100.0, 2200.0).map(|point| point.1));
+        let arrival_s = creep.reaches(home);
+        let transit_s = Estimate::new(arrival_s.value - slew_end_s, arrival_s.sigma);
+        vec![creep.slope.times(-1.0), transit_s.times(1.0 / 60.0)]
+    }),
+    ("float in the limit cycle", |receiver| {
+        let points: Vec<_> = receiver
+            .listen(36_000.0)
+            .iter()
+            .map(|row| {
+                let (sin, cos) = libm::sincos(std::f64::consts::TAU * row.t_s / 5.0);
+                ([1.0, sin, cos], row.residual(Gyro::X))
+            })
+            .collect();
+        let fit = Fit::new(&points);
+        // End to end.
+        vec![amplitude_of(fit.estimate(1), fit.estimate(2)).times(2.0)]
+    }),
 ];
 
 /// From stop to stop, and from the preferred position to a stop.

@@ -2,192 +2,94 @@
 
 use geu_protocol::Gyro;
 
-use super::Expected::{AtMost, Value};
 use super::estimate::{Fit, LineFit, curvature};
 use super::receiver::{Row, between, reference_rates};
-use super::{Estimate, Experiment, claim};
-use geu_model::Configuration;
+use super::{Estimate, Measurement};
 use geu_model::units::{FULL_SCALE_ARCSEC_S, PPM, S_PER_DAY};
 
 /// Days in a month, a twelfth of 365.25.
 const DAYS_PER_MONTH: f64 = 30.4375;
 
-pub const EXPERIMENTS: &[Experiment] = &[
-    Experiment {
-        name: "launch",
-        noise: false,
-        configuration: "
-            manoeuvre = [{ kind = \"z-scan\" }]
-            gyro.GYRZA.scale-factor.ppm = 2000
-            gyro.GYRZB.scale-factor.ppm = -2000
-        ",
-        claims: &[
-            claim("scale factor after launch", "§3.2", Value(2000.0, 0.0), "ppm"),
-            claim("scale factor after launch", "§3.2", Value(-2000.0, 0.0), "ppm"),
-        ],
-        measure: |receiver| {
-            let rows = receiver.listen(6180.0);
-            vec![scale_factor_ppm(&rows, Gyro::ZA, 2), scale_factor_ppm(&rows, Gyro::ZB, 2)]
-        },
-    },
-    Experiment {
-        name: "ageing",
-        noise: false,
-        // 40 ppm in 30.4375 d.
-        configuration: "
-            manoeuvre = [{ kind = \"z-scan\", angle_deg = 36000 }]
-            gyro.GYRZA.scale-factor-ramp.ppm_per_day = 1.3141683778
-        ",
-        claims: &[claim("scale factor change, long term", "§3.2, table 1", Value(40.0, 0.0), "ppm/month")],
-        measure: |receiver| {
-            receiver.listen(20.0);
-            let rows = receiver.listen_every(20, S_PER_DAY);
-            let points = rows.iter().map(|row| (row.t_s / S_PER_DAY - 0.5, row.residual(Gyro::ZA)));
-            let scanned = LineFit::new(rows.iter().map(|row| (row.t_s / S_PER_DAY, row.counts[Gyro::ZA.index()])));
-            let change_per_day = curvature(points).times(-2.0).over(scanned.slope);
-            vec![change_per_day.times(DAYS_PER_MONTH / PPM)]
-        },
-    },
-    Experiment {
-        name: "temperature",
-        noise: false,
-        configuration: "
-            temperature.electronics_table = [[3600, 20], [3601, 22]]
-            manoeuvre = [{ kind = \"z-scan\", angle_deg = 720 }]
-            gyro.GYRZA.scale-factor-temperature.ppm_per_k = 12.5
-        ",
-        claims: &[
-            claim("scale factor per K of electronics", "model", Value(12.5, 0.0), "ppm/K"),
-            claim("scale factor change for 2 K", "§3.2", Value(0.0025, 0.0), "%"),
-        ],
-        measure: |receiver| {
-            let rows = receiver.listen(7200.0);
-            let (cold, warm) = (between(&rows, 20.0, 3600.0), between(&rows, 3602.0, 7200.0));
-            let change = scale_factor_ppm(warm, Gyro::ZA, 2).minus(scale_factor_ppm(cold, Gyro::ZA, 2));
-            let kelvin = |rows: &[Row]| Estimate {
-                value: f64::from(rows[rows.len() / 2].sample.electronics_centi_c) * 0.01,
-                // The sample's value is rounded to 0.01 K, and the temperature is constant.
-                sigma: 0.0,
-            };
-            let per_k = change.over(kelvin(warm).minus(kelvin(cold)));
-            vec![per_k, per_k.times(2.0 * PPM * 100.0)]
-        },
-    },
-    Experiment {
-        name: "nonlinearity",
-        noise: false,
-        // Chebyshev's cubic departs most at the ends and at half of them: 12′/s and 6′/s, both ways.
-        configuration: "
-            scenario.theta_deg = 60
-            manoeuvre = [
-                { kind = \"y-scan\", to_theta_deg = 120, rate_arcmin_s = 12 },
-                { kind = \"y-scan\", to_theta_deg = 60, rate_arcmin_s = 12 },
-                { kind = \"y-scan\", to_theta_deg = 120, rate_arcmin_s = 9 },
-                { kind = \"y-scan\", to_theta_deg = 60, rate_arcmin_s = 9 },
-                { kind = \"y-scan\", to_theta_deg = 120, rate_arcmin_s = 6 },
-                { kind = \"y-scan\", to_theta_deg = 60, rate_arcmin_s = 6 },
-                { kind = \"y-scan\", to_theta_deg = 120, rate_arcmin_s = 3 },
-                { kind = \"y-scan\", to_theta_deg = 60, rate_arcmin_s = 3 },
-            ]
-            gyro.GYRY.scale-factor-nonlinearity.cubic_ppm = 800
-        ",
-        claims: &[
-            claim("cubic of the transfer function", "model", Value(800.0, 0.0), "ppm"),
-            claim("departure from the best line", "§3.2, figure 7", Value(0.02, 0.0), "%"),
-        ],
-        measure: |receiver| {
-            let points = transfer_function(&receiver.listen(5300.0), Gyro::Y, 1);
-            let cubes: Vec<_> = points
-                .iter()
-                .map(|(rate, departure)| {
-                    let share = rate / FULL_SCALE_ARCSEC_S;
-                    ([share, share * share * share], departure.value)
-                })
-                .collect();
-            // The departures have their own sigma; the sigma of the fit is that of rounded counts.
-            let sigma = points.iter().map(|(_, departure)| departure.sigma).fold(0.0, f64::max);
-            let cubic = Fit::new(&cubes).estimate(1);
-            let cubic = Estimate::new(cubic.value, cubic.sigma * sigma * 12f64.sqrt());
-            let straight: Vec<_> = points.iter().map(|(rate, departure)| (*rate, departure.value)).collect();
-            vec![
-                cubic.times(-1.0 / FULL_SCALE_ARCSEC_S / PPM),
-                Estimate::new(BestLine::new(&straight).departure, sigma).times(100.0 / FULL_SCALE_ARCSEC_S),
-            ]
-        },
-    },
-    Experiment {
-        name: "asymmetry",
-        noise: false,
-        configuration: "
-            scenario.theta_deg = 60
-            manoeuvre = [{ kind = \"y-scan\", to_theta_deg = 120 }, { kind = \"y-scan\", to_theta_deg = 60 }]
-            gyro.GYRY.scale-factor-asymmetry.ppm = 200
-        ",
-        claims: &[claim("scale factor forward less backward", "figure 7", Value(200.0, 0.0), "ppm")],
-        measure: |receiver| {
-            let rows = receiver.listen(640.0);
-            let forward = scale_factor_ppm(between(&rows, 20.0, 300.0), Gyro::Y, 1);
-            vec![forward.minus(scale_factor_ppm(between(&rows, 340.0, 620.0), Gyro::Y, 1))]
-        },
-    },
-    Experiment {
-        name: "clock and scale factor",
-        noise: false,
-        configuration: "
-            manoeuvre = [{ kind = \"z-scan\", angle_deg = 720 }]
-            unit.clock-frequency-step = { ppm = 100, time_s = 6000 }
-        ",
-        claims: &[
-            claim("sample of a clock fast by 100 ppm", "model", Value(0.5 / 1.0001, 0.0), "s"),
-            claim("scale factor per clock frequency", "§3.2", Value(-1.0, 0.0), "ppm/ppm"),
-        ],
-        measure: |receiver| {
-            let rows = receiver.listen(12_000.0);
-            let (nominal, fast) = (between(&rows, 20.0, 6000.0), between(&rows, 6001.0, 12_000.0));
-            let change = scale_factor_ppm(fast, Gyro::ZA, 2).minus(scale_factor_ppm(nominal, Gyro::ZA, 2));
-            vec![sample_s(fast), change.over(clock_ppm(fast))]
-        },
-    },
-    Experiment {
-        name: "clock and drift",
-        noise: false,
-        configuration: "
-            gyro.GYRX.calibration.drift_arcsec_per_half_s = 9.87654
-            unit.clock-frequency-step = { ppm = 100, time_s = 7200 }
-        ",
-        claims: &[claim("drift per clock frequency", "§3.2", Value(-2.0, 0.0), "ppm/ppm")],
-        measure: |receiver| {
-            let rows = receiver.listen(14_400.0);
-            let (nominal, fast) = (between(&rows, 20.0, 7200.0), between(&rows, 7201.0, 14_400.0));
-            // D in arcsec per on-board sample interval is −N·SF, with SF as in the previous experiment.
-            let drift = |rows: &[Row], scale_factor: f64| {
-                LineFit::new(rows.iter().enumerate().map(|(index, row)| {
-                    (index as f64, -row.counts[Gyro::X.index()] * scale_factor + row.reference_arcsec[0])
-                }))
-                .slope
-            };
-            let clock_ppm = clock_ppm(fast);
-            let nominal = drift(nominal, 1.0);
-            let change = drift(fast, 1.0 - clock_ppm.value * PPM).minus(nominal).over(nominal).times(1.0 / PPM);
-            vec![change.over(clock_ppm)]
-        },
-    },
-    Experiment {
-        name: "stability",
-        noise: true,
-        configuration: Configuration::reference_text(),
-        claims: &[claim("scale factor change between half hours, default unit", "§3.2, table 1", AtMost(20.0), "ppm")],
-        measure: |receiver| {
-            // Three half hours of the Z-scan.
-            receiver.listen_every(u64::MAX, 1300.0);
-            let rows = receiver.listen(6700.0);
-            let halves = [0.0, 1800.0, 3600.0]
-                .map(|from_s| scale_factor_ppm(between(&rows, 1300.0 + from_s, 3100.0 + from_s), Gyro::ZA, 2));
-            let changes = [halves[1].minus(halves[0]), halves[2].minus(halves[1])];
-            let larger = if changes[0].value.abs() > changes[1].value.abs() { changes[0] } else { changes[1] };
-            vec![Estimate::new(larger.value.abs(), larger.sigma)]
-        },
-    },
+pub const MEASUREMENTS: &[Measurement] = &[
+    ("launch", |receiver| {
+        let rows = receiver.listen(6180.0);
+        vec![scale_factor_ppm(&rows, Gyro::ZA, 2), scale_factor_ppm(&rows, Gyro::ZB, 2)]
+    }),
+    ("ageing", |receiver| {
+        receiver.listen(20.0);
+        let rows = receiver.listen_every(20, S_PER_DAY);
+        let points = rows.iter().map(|row| (row.t_s / S_PER_DAY - 0.5, row.residual(Gyro::ZA)));
+        let scanned = LineFit::new(rows.iter().map(|row| (row.t_s / S_PER_DAY, row.counts[Gyro::ZA.index()])));
+        let change_per_day = curvature(points).times(-2.0).over(scanned.slope);
+        vec![change_per_day.times(DAYS_PER_MONTH / PPM)]
+    }),
+    ("temperature", |receiver| {
+        let rows = receiver.listen(7200.0);
+        let (cold, warm) = (between(&rows, 20.0, 3600.0), between(&rows, 3602.0, 7200.0));
+        let change = scale_factor_ppm(warm, Gyro::ZA, 2).minus(scale_factor_ppm(cold, Gyro::ZA, 2));
+        let kelvin = |rows: &[Row]| Estimate {
+            value: f64::from(rows[rows.len() / 2].sample.electronics_centi_c) * 0.01,
+            // The sample's value is rounded to 0.01 K, and the temperature is constant.
+            sigma: 0.0,
+        };
+        let per_k = change.over(kelvin(warm).minus(kelvin(cold)));
+        vec![per_k, per_k.times(2.0 * PPM * 100.0)]
+    }),
+    ("nonlinearity", |receiver| {
+        let points = transfer_function(&receiver.listen(5300.0), Gyro::Y, 1);
+        let cubes: Vec<_> = points
+            .iter()
+            .map(|(rate, departure)| {
+                let share = rate / FULL_SCALE_ARCSEC_S;
+                ([share, share * share * share], departure.value)
+            })
+            .collect();
+        // The departures have their own sigma; the sigma of the fit is that of rounded counts.
+        let sigma = points.iter().map(|(_, departure)| departure.sigma).fold(0.0, f64::max);
+        let cubic = Fit::new(&cubes).estimate(1);
+        let cubic = Estimate::new(cubic.value, cubic.sigma * sigma * 12f64.sqrt());
+        let straight: Vec<_> = points.iter().map(|(rate, departure)| (*rate, departure.value)).collect();
+        vec![
+            cubic.times(-1.0 / FULL_SCALE_ARCSEC_S / PPM),
+            Estimate::new(BestLine::new(&straight).departure, sigma).times(100.0 / FULL_SCALE_ARCSEC_S),
+        ]
+    }),
+    ("asymmetry", |receiver| {
+        let rows = receiver.listen(640.0);
+        let forward = scale_factor_ppm(between(&rows, 20.0, 300.0), Gyro::Y, 1);
+        vec![forward.minus(scale_factor_ppm(between(&rows, 340.0, 620.0), Gyro::Y, 1))]
+    }),
+    ("clock and scale factor", |receiver| {
+        let rows = receiver.listen(12_000.0);
+        let (nominal, fast) = (between(&rows, 20.0, 6000.0), between(&rows, 6001.0, 12_000.0));
+        let change = scale_factor_ppm(fast, Gyro::ZA, 2).minus(scale_factor_ppm(nominal, Gyro::ZA, 2));
+        vec![sample_s(fast), change.over(clock_ppm(fast))]
+    }),
+    ("clock and drift", |receiver| {
+        let rows = receiver.listen(14_400.0);
+        let (nominal, fast) = (between(&rows, 20.0, 7200.0), between(&rows, 7201.0, 14_400.0));
+        // D in arcsec per on-board sample interval is −N·SF, with SF as in the previous experiment.
+        let drift = |rows: &[Row], scale_factor: f64| {
+            LineFit::new(rows.iter().enumerate().map(|(index, row)| {
+                (index as f64, -row.counts[Gyro::X.index()] * scale_factor + row.reference_arcsec[0])
+            }))
+            .slope
+        };
+        let clock_ppm = clock_ppm(fast);
+        let nominal = drift(nominal, 1.0);
+        let change = drift(fast, 1.0 - clock_ppm.value * PPM).minus(nominal).over(nominal).times(1.0 / PPM);
+        vec![change.over(clock_ppm)]
+    }),
+    ("stability", |receiver| {
+        // Three half hours of the Z-scan.
+        receiver.listen_every(u64::MAX, 1300.0);
+        let rows = receiver.listen(6700.0);
+        let halves = [0.0, 1800.0, 3600.0]
+            .map(|from_s| scale_factor_ppm(between(&rows, 1300.0 + from_s, 3100.0 + from_s), Gyro::ZA, 2));
+        let changes = [halves[1].minus(halves[0]), halves[2].minus(halves[1])];
+        let larger = if changes[0].value.abs() > changes[1].value.abs() { changes[0] } else { changes[1] };
+        vec![Estimate::new(larger.value.abs(), larger.sigma)]
+    }),
 ];
 
 /// Length of a sample, true time.

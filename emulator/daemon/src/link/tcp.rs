@@ -35,8 +35,8 @@ const ENDED_TIMEOUT: Duration = Duration::from_secs(10);
 const POLL_INTERVAL: Duration = Duration::from_millis(250);
 /// Time to the first TCP keep-alive probe, and interval of further probes, s.
 const KEEP_ALIVE: u32 = 10;
-/// A client that acknowledges nothing for this time is gone, ms.
-const ACKNOWLEDGE_TIMEOUT_MS: u32 = 60_000;
+/// A peer that acknowledges nothing for this time is gone, ms.
+pub(crate) const ACKNOWLEDGE_TIMEOUT_MS: u32 = 60_000;
 /// Pause after a failed accept, for example for lack of descriptors.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
 
@@ -192,14 +192,20 @@ impl Server {
 fn prepare(stream: TcpStream, is_faster: bool) -> io::Result<Port> {
     stream.set_nodelay(true)?;
     let stream = OwnedFd::from(stream.into_std()?);
-    setsockopt(&stream, sockopt::KeepAlive, &true)?;
-    setsockopt(&stream, sockopt::TcpKeepIdle, &KEEP_ALIVE)?;
-    setsockopt(&stream, sockopt::TcpKeepInterval, &KEEP_ALIVE)?;
-    setsockopt(&stream, sockopt::TcpUserTimeout, &ACKNOWLEDGE_TIMEOUT_MS)?;
+    keep_alive(&stream)?;
     if !is_faster {
         setsockopt(&stream, sockopt::SndBuf, &SEND_BUFFER)?;
     }
     Ok(Arc::new(stream))
+}
+
+/// Enables keep-alive probes, which detect a vanished peer.
+pub(crate) fn keep_alive(stream: &impl AsFd) -> io::Result<()> {
+    setsockopt(stream, sockopt::KeepAlive, &true)?;
+    setsockopt(stream, sockopt::TcpKeepIdle, &KEEP_ALIVE)?;
+    setsockopt(stream, sockopt::TcpKeepInterval, &KEEP_ALIVE)?;
+    setsockopt(stream, sockopt::TcpUserTimeout, &ACKNOWLEDGE_TIMEOUT_MS)?;
+    Ok(())
 }
 
 /// Returns when a client that has shut down its side has closed the connection, or was sent no data for some time: only sent

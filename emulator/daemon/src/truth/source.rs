@@ -9,7 +9,6 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use nix::sys::socket::{setsockopt, sockopt};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::tcp::{ReadHalf, WriteHalf};
 use tokio::net::{TcpStream, UdpSocket};
@@ -21,6 +20,7 @@ use super::forty_two::Message;
 use super::json;
 use super::lines::Lines;
 use crate::console;
+use crate::link::tcp::keep_alive;
 
 /// Maximum time of read samples ahead of the unit, on-board s.
 const AHEAD_S: f64 = 2.0;
@@ -32,10 +32,6 @@ const CHUNK: usize = 16_384;
 const RETRY_INTERVAL: Duration = Duration::from_millis(250);
 /// Timeout of a connection attempt.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
-/// Idle time before a keep-alive probe, and interval of the probes, s.
-const KEEP_ALIVE_S: u32 = 10;
-/// Time without acknowledgement after which the connection is closed, ms.
-const ACKNOWLEDGE_TIMEOUT_MS: u32 = 60_000;
 /// Time without data, while the truth is missing, after which a server is reconnected. A simulator may need long for a
 /// step; in a run that waits for it the truth is not missing.
 const SILENCE_TIMEOUT: Duration = Duration::from_secs(300);
@@ -132,15 +128,6 @@ async fn connect(live: Arc<ExternalTruth>, address: String) {
     }
 }
 
-/// Enables keep-alive probes, which detect a vanished server.
-fn keep_alive(stream: &TcpStream) -> io::Result<()> {
-    setsockopt(stream, sockopt::KeepAlive, &true)?;
-    setsockopt(stream, sockopt::TcpKeepIdle, &KEEP_ALIVE_S)?;
-    setsockopt(stream, sockopt::TcpKeepInterval, &KEEP_ALIVE_S)?;
-    setsockopt(stream, sockopt::TcpUserTimeout, &ACKNOWLEDGE_TIMEOUT_MS)?;
-    Ok(())
-}
-
 /// Reads a server to its end, or until it was silent for `silence`. Not so 42: it accepts a single connection, and may be
 /// paused by its user.
 async fn read(
@@ -220,10 +207,11 @@ async fn read_lines(
 #[cfg(test)]
 mod tests {
     use geu_model::attitude::TruthNumbers;
-    use nix::sys::socket::getsockopt;
+    use nix::sys::socket::{getsockopt, sockopt};
     use tokio::net::TcpListener;
 
     use super::*;
+    use crate::link::tcp::ACKNOWLEDGE_TIMEOUT_MS;
 
     #[tokio::test]
     async fn vanished_or_silent_servers_are_detected() {

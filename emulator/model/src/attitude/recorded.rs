@@ -180,12 +180,6 @@ impl RecordedAttitude {
         self.t_s[0]
     }
 
-    /// Moves the truth in time to start at 0.
-    #[must_use]
-    pub fn starting_at_zero(self) -> RecordedAttitude {
-        self.starting_at(0.0)
-    }
-
     /// Moves the truth in time to start at `start_s`.
     #[must_use]
     pub fn starting_at(mut self, start_s: f64) -> RecordedAttitude {
@@ -375,7 +369,7 @@ mod tests {
         let moved = recorded.clone().starting_at(-3.5);
         assert_eq!((moved.start_s(), moved.end_s()), (-3.5, 6.5));
         assert_eq!(moved.at(1.25, &mut 0).0, recorded.at(4.75, &mut 0).0);
-        assert_eq!(moved.starting_at_zero(), recorded);
+        assert_eq!(moved.starting_at(0.0), recorded);
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The sun as an attitude and a direction to it mean it: θ, ψ, and how far the sun stands out of the XZ plane.
 
+use crate::package::{cross, dot};
 use crate::units::ARCSEC_PER_RAD;
 
 /// Direction of the sun in the control frame.
@@ -45,14 +46,6 @@ impl Sun {
             departure_control_arcsec: [part(from_x, to_x), part(from_y, to_y)],
         }
     }
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 /// An inertial direction in the control frame: turned by the conjugate.

@@ -3,64 +3,68 @@
 use geu_protocol::excerpt::excerpt;
 use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, TableLike};
 
+use super::Configuration;
 use super::document::{ConfigText, ConfigurationError, locate};
 
-/// `text` with every override `PATH=VALUE` put in; a path may go through lists by index (`manoeuvre.0.duration_s`).
-///
-/// # Errors
-/// An override that is not `PATH=VALUE`, or has nothing to set.
-pub fn with_overrides(name: &str, text: &str, overrides: &[String]) -> Result<String, ConfigurationError> {
-    // The text was parsed before; only an override can be at fault here.
-    let mut document: DocumentMut = match text.parse() {
-        Ok(document) => document,
-        Err(_) => return ConfigText::parse(name, text).map(|_| text.to_owned()),
-    };
-    for given in overrides {
-        let refused = |message: String| locate("--set", given, None, message);
-        // TOML would take what stands after a line break as another override, or as a table for it.
-        if given.contains(['\n', '\r']) {
-            return Err(refused(format!(
-                "expected PATH=VALUE without a line break, got {:?}; give --set once for each",
-                excerpt(given)
-            )));
-        }
-        let quoted = given.split_once('=').map(|(path, value)| format!("{path} = {:?}", value.trim()));
-        let parsed =
-            given.parse::<DocumentMut>().or_else(|error| quoted.and_then(|text| text.parse().ok()).ok_or(error));
-        match parsed {
-            Ok(parsed) if given.contains('=') && !parsed.is_empty() => {
-                merge(document.as_table_mut(), parsed.as_table(), "").map_err(refused)?;
+impl Configuration {
+    /// `text` with every override `PATH=VALUE` put in; comments and order stay. A path may go through lists by index
+    /// (`manoeuvre.0.duration_s`).
+    ///
+    /// # Errors
+    /// An override that is not `PATH=VALUE`, or has nothing to set.
+    pub fn edited(name: &str, text: &str, overrides: &[String]) -> Result<String, ConfigurationError> {
+        // The text was parsed before; only an override can be at fault here.
+        let mut document: DocumentMut = match text.parse() {
+            Ok(document) => document,
+            Err(_) => return ConfigText::parse(name, text).map(|_| text.to_owned()),
+        };
+        for given in overrides {
+            let refused = |message: String| locate("--set", given, None, message);
+            // TOML would take what stands after a line break as another override, or as a table for it.
+            if given.contains(['\n', '\r']) {
+                return Err(refused(format!(
+                    "expected PATH=VALUE without a line break, got {:?}; give --set once for each",
+                    excerpt(given)
+                )));
             }
-            _ => return Err(refused(format!("expected PATH=VALUE, got {}", excerpt(given)))),
+            let quoted = given.split_once('=').map(|(path, value)| format!("{path} = {:?}", value.trim()));
+            let parsed =
+                given.parse::<DocumentMut>().or_else(|error| quoted.and_then(|text| text.parse().ok()).ok_or(error));
+            match parsed {
+                Ok(parsed) if given.contains('=') && !parsed.is_empty() => {
+                    merge(document.as_table_mut(), parsed.as_table(), "").map_err(refused)?;
+                }
+                _ => return Err(refused(format!("expected PATH=VALUE, got {}", excerpt(given)))),
+            }
         }
+        Ok(document.to_string())
     }
-    Ok(document.to_string())
-}
 
-/// The text of a configuration with comments at the ends of lines, each behind the value at its path or behind the inline
-/// table with it. An existing comment stays before it.
-pub fn with_comments(text: &str, comments: &[(String, String)]) -> String {
-    let Ok(mut document) = text.parse::<DocumentMut>() else { return text.to_owned() };
-    for (path, comment) in comments {
-        let mut keys = path.split('.');
-        let mut item = keys.next().and_then(|key| document.get_mut(key));
-        while let Some(found) = item {
-            if let Item::Value(value) = found {
-                let decor = value.decor_mut();
-                let before = decor.suffix().and_then(|suffix| suffix.as_str()).unwrap_or_default().trim_end();
-                let comment = comment.replace(['\n', '\r'], " ");
-                let suffix = match before.trim_start() {
-                    "" => format!(" # {comment}"),
-                    _ if before.ends_with(&comment) => before.to_owned(),
-                    _ => format!("{before}; {comment}"),
-                };
-                decor.set_suffix(suffix);
-                break;
+    /// The text of a configuration with comments at the ends of lines, each behind the value at its path or behind the inline
+    /// table with it. An existing comment stays before it.
+    pub fn commented(text: &str, comments: &[(String, String)]) -> String {
+        let Ok(mut document) = text.parse::<DocumentMut>() else { return text.to_owned() };
+        for (path, comment) in comments {
+            let mut keys = path.split('.');
+            let mut item = keys.next().and_then(|key| document.get_mut(key));
+            while let Some(found) = item {
+                if let Item::Value(value) = found {
+                    let decor = value.decor_mut();
+                    let before = decor.suffix().and_then(|suffix| suffix.as_str()).unwrap_or_default().trim_end();
+                    let comment = comment.replace(['\n', '\r'], " ");
+                    let suffix = match before.trim_start() {
+                        "" => format!(" # {comment}"),
+                        _ if before.ends_with(&comment) => before.to_owned(),
+                        _ => format!("{before}; {comment}"),
+                    };
+                    decor.set_suffix(suffix);
+                    break;
+                }
+                item = keys.next().and_then(|key| found.get_mut(key));
             }
-            item = keys.next().and_then(|key| found.get_mut(key));
         }
+        document.to_string()
     }
-    document.to_string()
 }
 
 fn merge(base: &mut dyn TableLike, over: &dyn TableLike, path: &str) -> Result<(), String> {

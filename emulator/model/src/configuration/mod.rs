@@ -96,7 +96,7 @@ impl Configuration {
         if overrides.is_empty() {
             return Ok(configuration);
         }
-        let text = edit::with_overrides(name, text, overrides)?;
+        let text = Configuration::edited(name, text, overrides)?;
         Configuration::read(ConfigText::parse(&format!("{name} with --set"), &text)?, device)
     }
 
@@ -106,19 +106,6 @@ impl Configuration {
     /// An override that is not valid.
     pub fn of_device(device: &Arc<Device>, overrides: &[String]) -> Result<Configuration, ConfigurationError> {
         Configuration::parse_for(Some(device), &format!("configuration of {}", device.name), "", overrides)
-    }
-
-    /// The text of a configuration with values put in, each `PATH=VALUE`; comments and order stay.
-    ///
-    /// # Errors
-    /// Text that is not TOML, a value that cannot be put in.
-    pub fn edited(name: &str, text: &str, values: &[String]) -> Result<String, ConfigurationError> {
-        edit::with_overrides(name, text, values)
-    }
-
-    /// The text of a configuration with comments put behind values, each a path and the comment.
-    pub fn commented(text: &str, comments: &[(String, String)]) -> String {
-        edit::with_comments(text, comments)
     }
 
     /// The reference unit on its default scenario.

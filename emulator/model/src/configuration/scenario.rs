@@ -74,14 +74,7 @@ impl Part for &mut Vec<Manoeuvre> {
             for (kind, title) in Manoeuvre::KINDS {
                 let manoeuvre = Manoeuvre::of_kind(kind).expect("a listed kind");
                 line!(text, "# {kind}: {title}");
-                for spec in manoeuvre.numbers().specs() {
-                    let default = match spec.default {
-                        DefaultValue::Value(value) => format!("default {value:?}"),
-                        DefaultValue::Required => "required".to_owned(),
-                        DefaultValue::Absent => "optional".to_owned(),
-                    };
-                    line!(text, "#   {}: {} ({}; {default})", spec.name, spec.meaning, spec.limits());
-                }
+                describe_with_defaults(text, manoeuvre.numbers().specs());
             }
         }
         for manoeuvre in self.iter() {
@@ -109,6 +102,18 @@ impl Part for &mut Vec<Manoeuvre> {
 const MAX_SEGMENTS: usize = 10_000;
 
 /// Prescribed rates.
+/// Comment lines with meaning, limits and default of each number.
+fn describe_with_defaults(text: &mut String, specs: &[ParameterSpec]) {
+    for spec in specs {
+        let default = match spec.default {
+            DefaultValue::Value(value) => format!("default {value:?}"),
+            DefaultValue::Required => "required".to_owned(),
+            DefaultValue::Absent => "optional".to_owned(),
+        };
+        line!(text, "#   {}: {} ({}; {default})", spec.name, spec.meaning, spec.limits());
+    }
+}
+
 impl Part for &mut Vec<RateSegment> {
     fn read(&mut self, node: &Node, key: &str) -> Read<()> {
         let nodes = node.tables(key)?;
@@ -131,14 +136,7 @@ impl Part for &mut Vec<RateSegment> {
                 text,
                 "\n# Prescribed rates about the control axes, [[{key}]], in place of scenario and manoeuvres. Numbers of each:"
             );
-            for spec in RateSegment::NUMBERS {
-                let default = match spec.default {
-                    DefaultValue::Value(value) => format!("default {value:?}"),
-                    DefaultValue::Required => "required".to_owned(),
-                    DefaultValue::Absent => "optional".to_owned(),
-                };
-                line!(text, "#   {}: {} ({}; {default})", spec.name, spec.meaning, spec.limits());
-            }
+            describe_with_defaults(text, RateSegment::NUMBERS);
         }
         for segment in self.iter() {
             line!(text, "\n[[{key}]]");

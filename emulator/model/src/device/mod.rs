@@ -24,7 +24,7 @@ use geu_protocol::layout::{Coding, FrameSet, Quantity, ValueSpec};
 use geu_protocol::suggestion::did_you_mean;
 
 use crate::configuration::{ConfigText, ConfigurationError, Node};
-use crate::package::Axes;
+use crate::package::{Axes, cross, dot};
 use crate::parameter_spec::ValueFormat;
 use crate::units::{ARCSEC_PER_DEG, FULL_SCALE_ARCSEC_S, SAMPLE_INTERVAL_S};
 
@@ -74,9 +74,8 @@ impl Head {
         let part = input[farthest];
         let across: [f64; 3] = std::array::from_fn(|axis| unit(farthest)[axis] - part * input[axis]);
         let length = across.iter().map(|part| part * part).sum::<f64>().sqrt();
-        let [x, y, z] = across.map(|part| part / length);
-        let [a, b, c] = input;
-        [[x, y, z], [b * z - c * y, c * x - a * z, a * y - b * x]]
+        let across = across.map(|part| part / length);
+        [across, cross(input, across)]
     }
 
     /// This number of counts as the output has it.
@@ -375,11 +374,8 @@ fn head(node: &Node, index: u8) -> Result<Head, ConfigurationError> {
     };
     let input = axis("input")?;
     let output = node.keys().contains(&"output").then(|| axis("output")).transpose()?;
-    if let Some(output) = output {
-        let product: f64 = input.iter().zip(output).map(|(a, b)| a * b).sum();
-        if product.abs() > PERPENDICULAR {
-            return Err(node.unexpected("output", "an axis perpendicular to the input axis"));
-        }
+    if output.is_some_and(|output| dot(input, output).abs() > PERPENDICULAR) {
+        return Err(node.unexpected("output", "an axis perpendicular to the input axis"));
     }
     let name = node.text("name")?;
     match is_identifier(name) {

@@ -37,16 +37,7 @@ impl<E: Effects> EffectConfiguration<E> {
     /// The effects as they stand over one sample interval.
     #[inline]
     pub fn at(&self, interval: &Interval) -> E {
-        let mut effects = self.constant;
-        for course in &self.courses {
-            let numbers = effects.numbers_mut(course.effect);
-            let spec = &numbers.specs()[course.amplitude];
-            let (min, max) = self.widening.limits(spec, spec.min, spec.max);
-            let amplitude = numbers.value_mut(course.amplitude);
-            // Limits are what the model is good for: a course that grows without end stays at them.
-            *amplitude = (*amplitude + course.value(interval)).clamp(min, max);
-        }
-        effects
+        self.with(|course| course.value(interval))
     }
 
     /// The effects over one sample interval, in `storage` if a time course changes them.
@@ -57,13 +48,20 @@ impl<E: Effects> EffectConfiguration<E> {
 
     /// The effects with each amplitude at the largest that it reaches.
     pub fn largest(&self) -> E {
+        self.with(TimeCourse::largest)
+    }
+
+    /// The effects with these values of the courses.
+    #[inline]
+    fn with(&self, value: impl Fn(&TimeCourse) -> f64) -> E {
         let mut effects = self.constant;
         for course in &self.courses {
             let numbers = effects.numbers_mut(course.effect);
             let spec = &numbers.specs()[course.amplitude];
             let (min, max) = self.widening.limits(spec, spec.min, spec.max);
             let amplitude = numbers.value_mut(course.amplitude);
-            *amplitude = (*amplitude + course.largest()).clamp(min, max);
+            // Limits are what the model is good for: a course that grows without end stays at them.
+            *amplitude = (*amplitude + value(course)).clamp(min, max);
         }
         effects
     }

@@ -106,9 +106,7 @@ impl GyroUnit {
         for unit in units.iter_mut() {
             let counts = unit.count(&temperatures, &interval, steps, &truths, &mut [(); MAX_HEADS]);
             unit.channels.iter_mut().zip(counts).for_each(|(channel, counts)| channel.accumulated += counts);
-            unit.ended += 1;
-            unit.start_fs = unit.end_fs;
-            unit.begin();
+            unit.begin_next();
         }
         units[0].steps = storage;
         end_ns
@@ -132,9 +130,7 @@ impl GyroUnit {
             }
         }
         self.steps = steps;
-        self.ended += 1;
-        self.start_fs = self.end_fs;
-        self.begin();
+        self.begin_next();
     }
 
     /// Accumulated counts of each head as real numbers: before rounding, wiring faults, self-test, power and

@@ -6,6 +6,7 @@
 use std::sync::Arc;
 
 use geu_model::Configuration;
+use geu_model::package::dot;
 use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_recording::ReferenceAttitude;
 
@@ -15,7 +16,7 @@ use crate::effects::EffectContribution;
 use crate::evaluation::{AttitudeSource, Evaluation, steps_of_reference};
 use crate::noise::{ROUNDING_VARIANCE, RandomWalks};
 use crate::observe::{CompensatedCounts, variance, with_reference};
-use crate::solve::{CalibrationParameter, Solution, SolveError, dot, sensing_axes, solve_described};
+use crate::solve::{CalibrationParameter, Solution, SolveError, sensing_axes, solve_described};
 use crate::window::{ManoeuvreWindow, cut_evenly};
 
 /// Equations that are solved together, at most.

@@ -1,7 +1,7 @@
 //! The calibration parameters: four of each gyro.
 
 use geu_model::device::{Device, Head};
-use geu_model::package::Calibration;
+use geu_model::package::{Calibration, dot};
 use geu_model::parameter_spec::MISALIGNMENTS;
 use geu_model::units::{ARCSEC_PER_RAD, SAMPLE_INTERVAL_S};
 use geu_protocol::Gyro;
@@ -123,11 +123,6 @@ pub fn sensing_axis(input_control: [f64; 3], calibration: &Calibration) -> [f64;
 
 fn projections(calibration: &Calibration) -> [f64; 3] {
     [calibration.x_arcsec, calibration.y_arcsec, calibration.z_arcsec]
-}
-
-/// Product of two vectors.
-pub fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// The control axes that are not the gyro's own, of the default unit.

@@ -1,6 +1,6 @@
 //! Parity residuals of redundant gyros: sums of their rotations that no motion changes.
 
-use geu_model::package::Calibration;
+use geu_model::package::{Calibration, dot};
 use geu_protocol::Gyro;
 use nalgebra::{DMatrix, DVector};
 
@@ -31,7 +31,7 @@ impl Equations<'_> {
         covariance: impl Fn(usize, usize) -> f64,
     ) -> Vec<ParityOfHeads> {
         let axes = sensing_axes(&self.parameters, calibrations);
-        let gram = DMatrix::from_fn(axes.len(), axes.len(), |a, b| super::dot(axes[a], axes[b]));
+        let gram = DMatrix::from_fn(axes.len(), axes.len(), |a, b| dot(axes[a], axes[b]));
         let gyros: Vec<Gyro> = self.parameters.iter().step_by(super::PER_GYRO).map(|own| own.gyro).collect();
         let eigen = gram.symmetric_eigen();
         let redundant = eigen.eigenvectors.column_iter().zip(&eigen.eigenvalues).filter(|own| *own.1 < REDUNDANT);

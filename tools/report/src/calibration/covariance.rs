@@ -24,14 +24,11 @@ impl CalibrationPage<'_> {
         let strongest = strongest.map(|(a, b)| {
             map! { one: words[a].as_str(), other: words[b].as_str(), rho: fixed(correlation(a, b), 2) }
         });
-        let values = map! { strongest: strongest, diamond: DIAMOND, cross: CROSS, arrow: ARROW };
-        let mut text = filled(include_str!("covariance.html"), &values);
-        for pair in parameters.chunks(PER_GYRO / 2) {
-            if pair.iter().all(|own| self.solution().is_determined(*own)) {
-                text += &self.ellipse([pair[0], pair[1]], &correlation);
-            }
-        }
-        text + "</div>\n"
+        let pairs = parameters.chunks(PER_GYRO / 2);
+        let known = pairs.filter(|pair| pair.iter().all(|own| self.solution().is_determined(*own)));
+        let ellipses: String = known.map(|pair| self.ellipse([pair[0], pair[1]], &correlation)).collect();
+        let values = map! { strongest: strongest, diamond: DIAMOND, cross: CROSS, arrow: ARROW, ellipses: ellipses };
+        filled(include_str!("covariance.html"), &values)
     }
 
     fn ellipse(&self, pair: [CalibrationParameter; 2], correlation: &dyn Fn(usize, usize) -> f64) -> String {

@@ -14,18 +14,23 @@ const S_PER_DAY: f64 = 86_400.0;
 
 impl CalibrationPage<'_> {
     pub(super) fn history(&self) -> String {
-        let mut text = String::from("<h2>History</h2>\n");
-        let Some(comparison) = self.comparison else {
-            return text + "<p>No earlier calibration was given to compare with (<code>--compare</code>).</p>\n";
-        };
-        let values = map! {
-            is_compatible: comparison.is_compatible(),
-            moved: moved_words(comparison),
-            chi2: comparison.joint_chi2,
-            freedom: (UNKNOWNS * comparison.pairs) as u32,
-            probability: percent(comparison.joint_probability()),
-        };
-        text += &filled(include_str!("history.html"), &values);
+        let values = self.comparison.map(|comparison| {
+            map! {
+                is_compatible: comparison.is_compatible(),
+                moved: moved_words(comparison),
+                chi2: comparison.joint_chi2,
+                freedom: (UNKNOWNS * comparison.pairs) as u32,
+                probability: percent(comparison.joint_probability()),
+                parameters: self.changes(comparison),
+                dates: self.dates(),
+                figures: CalibrationParameter::all().map(|own| self.history_of(own, comparison)).collect::<String>(),
+            }
+        });
+        filled(include_str!("history.html"), &map! { comparison: values })
+    }
+
+    /// The change of each parameter.
+    fn changes(&self, comparison: &Comparison) -> String {
         let moved = comparison.moved();
         let merged = comparison.combined.values();
         let merged_sigmas = comparison.combined.sigmas();
@@ -55,18 +60,13 @@ impl CalibrationPage<'_> {
         let header = ["parameter", "change", "sigma", "change", &chi2, "probability", "stability", "merged"];
         let caption =
             "This calibration less the mean of the earlier ones; the change since the last that the paper allows";
-        text += &table(caption, &header, rows);
-        let mut dates: Vec<Vec<String>> =
-            self.earlier.iter().map(|one| vec![date(one.time_s), prose(&one.name)]).collect();
-        dates.push(vec![date(self.calibrated.time_s), prose("this one")]);
-        text += &table("Calibrations", &["start of the recording", "result"], dates);
-        text += "<p>Departures from this calibration, with 1 sigma. Shaded is the change that the paper allows: the drift \
-                 6 arcsec/h in two weeks, the scale factor 0.004 % in a month (table 1); it has no figure for \
-                 misalignments. Dashed is the mean of all if they are compatible.</p>\n<div class=\"figures small\">\n";
-        for parameter in CalibrationParameter::all() {
-            text += &self.history_of(parameter, comparison);
-        }
-        text + "</div>\n"
+        table(caption, &header, rows)
+    }
+
+    fn dates(&self) -> String {
+        let earlier = self.earlier.iter().map(|one| vec![date(one.time_s), prose(&one.name)]);
+        let dates = earlier.chain([vec![date(self.calibrated.time_s), prose("this one")]]);
+        table("Calibrations", &["start of the recording", "result"], dates)
     }
 
     fn history_of(&self, parameter: CalibrationParameter, comparison: &Comparison) -> String {

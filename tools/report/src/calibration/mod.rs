@@ -4,8 +4,6 @@ mod covariance;
 mod history;
 mod text;
 
-use std::fmt::Write;
-
 use geu_calibration::compare::{Comparison, MIN_PROBABILITY, PreviousCalibration};
 use geu_calibration::solve::{CalibrationParameter, Solution, values_of};
 use geu_calibration::{Calibrated, solve};
@@ -20,6 +18,7 @@ pub use text::{comparison_table, table as terminal_table};
 
 use crate::page::{
     CHART_HINT, Provenance, date, escape, filled, fixed, html, prose, sigmas as in_sigmas, signed, significant, table,
+    table_if_any,
 };
 
 /// A larger residual is marked; with a hundred equations noise exceeds it in a quarter of calibrations.
@@ -39,24 +38,26 @@ pub struct CalibrationPage<'a> {
 impl CalibrationPage<'_> {
     /// The page.
     pub fn html(&self) -> String {
-        let mut body = String::from("<h1>Calibration of the gyro unit</h1>\n");
-        let span = self.calibrated.observations.iter().map(|one| one.end_s).fold(0.0, f64::max);
-        let _ = writeln!(
-            body,
-            "<p class=\"soft\">Recording from {}; {} manoeuvres within {} h.</p>",
-            date(self.calibrated.time_s),
-            self.calibrated.observations.len(),
-            significant(span / 3600.0, 3)
-        );
-        body += &self.verdict();
-        body += &self.parameters();
-        body += &self.residuals();
-        body += &self.manoeuvres();
-        body += &self.ellipses();
-        body += &self.history();
+        let (calibrated, solution) = (self.calibrated, self.solution());
+        let span = calibrated.observations.iter().map(|one| one.end_s).fold(0.0, f64::max);
+        let described = if solution.is_described() { described_lines(calibrated) } else { Vec::new() };
         let earlier = self.earlier.iter().map(|one| ("earlier calibration", one.name.clone()));
-        body += &self.provenance.html(earlier);
-        html("Calibration of the gyro unit", &body)
+        let values = map! {
+            start: date(calibrated.time_s),
+            count: calibrated.observations.len() as u32,
+            hours: span / 3600.0,
+            verdict: self.verdict(),
+            parameters: self.parameters(),
+            described: described,
+            hint: CHART_HINT,
+            residuals: gyros(solution).map(|gyro| self.residuals_of(gyro)).collect::<String>(),
+            manoeuvres: self.manoeuvres(),
+            left_out: self.left_out(),
+            ellipses: self.ellipses(),
+            history: self.history(),
+            provenance: self.provenance.html(earlier),
+        };
+        html("Calibration of the gyro unit", &filled(include_str!("page.html"), &values))
     }
 
     fn solution(&self) -> &Solution {
@@ -122,25 +123,7 @@ impl CalibrationPage<'_> {
         });
         let header = ["parameter", "value", "unit", "sigma", "change", "change", "hand method"];
         let caption = "Values, 1 sigma, change from the prior value, and difference of the hand method";
-        let mut text = format!("<h2>Parameters</h2>\n{}", table(caption, &header, rows));
-        if solution.is_described() {
-            described_lines(self.calibrated).iter().for_each(|line| text += &format!("<p>{}</p>\n", escape(line)));
-        }
-        text
-    }
-
-    fn residuals(&self) -> String {
-        let mut text = String::from(
-            "<h2>Residuals</h2>\n<p>Residual of each equation, measured less fitted: above in arcsec with the scatter of \
-             the noise, 1 sigma; below in sigmas, with 1 and 2 shaded. The numbers of the \
-             manoeuvres are in the table below.</p>\n",
-        );
-        text += CHART_HINT;
-        text += "<div class=\"figures\">\n";
-        for gyro in gyros(self.solution()) {
-            text += &self.residuals_of(gyro);
-        }
-        text + "</div>\n"
+        table(caption, &header, rows)
     }
 
     fn residuals_of(&self, gyro: Gyro) -> String {
@@ -194,7 +177,7 @@ impl CalibrationPage<'_> {
     }
 
     fn manoeuvres(&self) -> String {
-        let Calibrated { solution, observations, left_out, .. } = self.calibrated;
+        let Calibrated { solution, observations, .. } = self.calibrated;
         let rows = observations.iter().enumerate().map(|(index, observation)| {
             let equations = observation.counts.iter().flatten().count();
             let share = solution.leverage[index] / equations.max(1) as f64;
@@ -232,22 +215,16 @@ impl CalibrationPage<'_> {
         let header = ["manoeuvre", "start, s", "length, s", "leverage"].into_iter();
         let header: Vec<&str> = header.chain(gyros(solution).map(Gyro::name)).collect();
         let caption = "Manoeuvres, leverage on their own equations, and residuals in arcsec";
-        let mut text = format!("<h2>Manoeuvres</h2>\n{}", table(caption, &header, rows));
-        let _ = writeln!(
-            text,
-            "<p class=\"soft\">A leverage near the number of equations means that no other data test that manoeuvre; near \
-             0, that it could be left out.</p>\n<h3>Left out</h3>"
-        );
-        if left_out.is_empty() {
-            text += "<p>None: every calibration manoeuvre was used with all gyros.</p>\n";
-        } else {
-            let rows = left_out.iter().map(|one| {
-                let gyro = one.gyro.map_or("all", Gyro::name);
-                vec![escape(&one.name), format!("{:.1}", one.start_s), gyro.to_owned(), prose(&one.why)]
-            });
-            text += &table("Data that were not used", &["manoeuvre", "start, s", "gyro", "why"], rows);
-        }
-        text
+        table(caption, &header, rows)
+    }
+
+    /// The data that were not used.
+    fn left_out(&self) -> Option<String> {
+        let rows = self.calibrated.left_out.iter().map(|one| {
+            let gyro = one.gyro.map_or("all", Gyro::name);
+            vec![escape(&one.name), format!("{:.1}", one.start_s), gyro.to_owned(), prose(&one.why)]
+        });
+        table_if_any("Data that were not used", &["manoeuvre", "start, s", "gyro", "why"], rows)
     }
 }
 

@@ -5,8 +5,6 @@ mod charts;
 mod residual_map;
 pub mod text;
 
-use std::fmt::Write;
-
 use geu_diagnosis::model_selection::SelectionStep;
 use geu_diagnosis::null_distribution::FALSE_ALARM_RATE;
 use geu_diagnosis::outcome::{Chi2Fall, Class, DiagnosedEffect, Diagnosis, ReportedAlternative};
@@ -16,7 +14,7 @@ use geu_diagnosis::{Verdict, report};
 use geu_protocol::template::Value;
 use geu_protocol::{Gyro, Gyros, map};
 
-use crate::page::{CHART_HINT, Provenance, escape, filled, fixed, html, prose, significant, table};
+use crate::page::{CHART_HINT, Provenance, escape, filled, fixed, html, prose, significant, table, table_if_any};
 use charts::{axes_key, gap_bars, residuals, strength};
 
 /// Candidates shown for a round.
@@ -33,18 +31,32 @@ pub struct DiagnosisPage<'a> {
 impl DiagnosisPage<'_> {
     /// The page.
     pub fn html(&self) -> String {
-        let mut body = String::from("<h1>Diagnosis of a recording</h1>\n");
-        body += &self.verdict();
-        body += &self.found();
-        body += &self.residuals();
-        body += &self.manoeuvres();
-        body += &self.residual_map();
-        body += &self.search();
-        body += &self.alternatives();
-        body += &self.cross_validation();
-        body += &self.findings();
-        body += &self.provenance.html(std::iter::empty());
-        html("Diagnosis of a recording", &body)
+        let diagnosis = self.diagnosis;
+        let charts = |chart: fn(&Diagnosis, Gyro) -> String| -> String {
+            diagnosis.gyros().into_iter().map(|gyro| chart(diagnosis, gyro)).collect()
+        };
+        let rounds = diagnosis.steps.iter().enumerate().map(|(index, round)| self.round(index + 1, round));
+        let values = map! {
+            verdict: self.verdict(),
+            found: self.found(),
+            recordings: FALSE_ALARM_RATE.recip(),
+            window: diagnosis.window(),
+            hint: CHART_HINT,
+            is_unexplained: diagnosis.unexplained.is_some(),
+            axes: axes_key(),
+            residuals: charts(residuals),
+            bars: charts(gap_bars),
+            segments: diagnosis.segments.len() as u32,
+            manoeuvres: self.manoeuvres(),
+            map: self.residual_map(),
+            rounds: rounds.collect::<Value>(),
+            alternatives: self.alternatives(),
+            thirds: self.thirds(),
+            gap: self.gap(),
+            findings: self.findings(),
+            provenance: self.provenance.html(std::iter::empty()),
+        };
+        html("Diagnosis of a recording", &filled(include_str!("page.html"), &values))
     }
 
     fn of_class(&self, class: Class) -> impl Iterator<Item = &DiagnosedEffect> {
@@ -79,7 +91,7 @@ impl DiagnosisPage<'_> {
         filled(include_str!("verdict.html"), &values)
     }
 
-    fn found(&self) -> String {
+    fn found(&self) -> Option<String> {
         let rows = self.diagnosis.entries.iter().flat_map(|entry| {
             entry.parameters.iter().enumerate().map(|(index, number)| {
                 let is_first = index == 0;
@@ -102,54 +114,16 @@ impl DiagnosisPage<'_> {
                 ]
             })
         });
-        let rows: Vec<_> = rows.collect();
-        if rows.is_empty() {
-            return "<h2>Found</h2>\n<p>No effect is missing, and the calibration has not moved.</p>\n".to_owned();
-        }
         let header = ["effect", "gyros", "", "parameter", "value ± 1 σ", "of the gap", "χ² reduction (threshold)"];
         let caption = format!(
             "Found effects: values with one sigma, explained share of the gap, reduction of χ², and its threshold at one \
              false alarm in {:.0} recordings",
             FALSE_ALARM_RATE.recip()
         );
-        format!("<h2>Found</h2>\n{}", table(&caption, &header, rows))
-    }
-
-    fn residuals(&self) -> String {
-        let mut text = format!(
-            "<h2>Residuals before and after</h2>\n<p>Measured less model, the accumulated angle in arcsec: with the \
-             configuration as given, and with the found effects. Windows of {}, from line to line, start at zero, \
-             also after a break; invalid sums are not drawn. The strip below shows \
-             the motion, with the numbers of the manoeuvres.</p>\n{CHART_HINT}{}",
-            self.diagnosis.window(),
-            self.key()
-        );
-        for gyro in self.diagnosis.gyros() {
-            text += &residuals(self.diagnosis, gyro);
-        }
-        text
-    }
-
-    /// Key of the colours of before and after.
-    fn key(&self) -> String {
-        let mut items = vec![("before", "as configured"), ("after", "with the found effects")];
-        if self.diagnosis.unexplained.is_some() {
-            items.push(("left", "left unexplained"));
-        }
-        let items = items.into_iter().map(|(class, words)| {
-            format!("<span><svg viewBox=\"0 0 22 14\"><rect class=\"{class}\" width=\"22\" height=\"14\"/></svg>{words}</span>\n")
-        });
-        format!("<div class=\"key\">\n{}{}</div>\n", items.collect::<String>(), axes_key())
+        table_if_any(&caption, &header, rows)
     }
 
     fn manoeuvres(&self) -> String {
-        let mut text = String::from(
-            "<h2>Manoeuvres</h2>\n<p>Root mean square of the residual within each manoeuvre, which starts at zero, before and \
-             after.</p>\n<div class=\"figures dense\">\n",
-        );
-        for gyro in self.diagnosis.gyros() {
-            text += &gap_bars(self.diagnosis, gyro);
-        }
         let [before, after] = &self.diagnosis.segment_rms_arcsec;
         let rows = self.diagnosis.segments.iter().enumerate().map(|(index, segment)| {
             let rms = |gyro: Gyro| {
@@ -169,32 +143,10 @@ impl DiagnosisPage<'_> {
         let header = ["manoeuvre", "start, s", "length, s"].into_iter().chain(gyros.iter().map(|gyro| gyro.name()));
         let header: Vec<&str> = header.collect();
         let caption = "Manoeuvres, and the residual within each before → after, arcsec rms";
-        let _ = writeln!(
-            text,
-            "</div>\n<details>\n<summary>The {} manoeuvres in numbers</summary>\n{}</details>",
-            self.diagnosis.segments.len(),
-            table(caption, &header, rows)
-        );
-        text
+        table(caption, &header, rows)
     }
 
-    fn search(&self) -> String {
-        let mut text = format!(
-            "<h2>Search</h2>\n<p>Each round tests every effect of the model on every set of gyros with every time course \
-             beside the accepted ones, and adds the best if its reduction of χ² exceeds the threshold (one false alarm in {:.0} \
-             recordings) and it passes cross-validation.</p>\n",
-            FALSE_ALARM_RATE.recip()
-        );
-        if self.diagnosis.steps.is_empty() {
-            text += "<p>No round was run.</p>\n";
-        }
-        for (index, round) in self.diagnosis.steps.iter().enumerate() {
-            text += &self.round(index + 1, round);
-        }
-        text
-    }
-
-    fn round(&self, number: usize, round: &SelectionStep) -> String {
+    fn round(&self, number: usize, round: &SelectionStep) -> Value {
         let outcome = |candidate: &Candidate| match round.kept {
             Some(_) => format!("added {}", name_of(candidate)),
             None => format!("added {}, dropped after later additions", name_of(candidate)),
@@ -227,44 +179,33 @@ impl DiagnosisPage<'_> {
                 prose(&parameters.join(", ")),
             ]
         });
-        let caption = format!("Round {number}: {}", outcome.replace("<b>", "").replace("</b>", ""));
         let header = ["candidate", "gyros", "χ² reduction", "threshold", "held out", "", "with"];
-        format!("<h3>{caption}</h3>\n{}", table(&format!("Round {number}, the best candidates"), &header, rows))
+        let candidates = table(&format!("Round {number}, the best candidates"), &header, rows);
+        map! { number: number as u32, outcome: outcome, candidates: candidates }
     }
 
-    fn alternatives(&self) -> String {
-        let mut text = String::from("<h2>Alternatives</h2>\n");
-        let rows: Vec<Vec<String>> = self
+    fn alternatives(&self) -> Option<String> {
+        let rows = self
             .of_class(Class::MissingEffect)
-            .flat_map(|entry| entry.alternatives.iter().map(move |own| alternative_row(entry, own)))
-            .collect();
-        if rows.is_empty() {
-            return text + "<p>No found effect has an alternative.</p>\n";
-        }
-        text += "<p>Effects with similar signatures: the cosine of the two signatures on this motion, 1 if they are equal, and \
-                 the loss of χ² reduction with the alternative in place of the effect.</p>\n";
+            .flat_map(|entry| entry.alternatives.iter().map(move |own| alternative_row(entry, own)));
         let header = ["found", "alternative", "gyros", "cosine", "χ² loss", "discriminating test"];
-        text + &table("Alternatives, the most similar first", &header, rows)
+        table_if_any("Alternatives, the most similar first", &header, rows)
     }
 
-    fn cross_validation(&self) -> String {
-        let mut text = String::from("<h2>Cross-validation</h2>\n");
-        let rows: Vec<Vec<String>> = self
-            .diagnosis
-            .entries
-            .iter()
-            .filter_map(|entry| {
-                let thirds = entry.held_out?;
-                let mut row = vec![escape(&report::effect_name(entry)), gyros(&entry.gyros)];
-                row.extend(thirds.map(|better| improvement(&[better])));
-                row.push(improvement(&thirds));
-                Some(row)
-            })
-            .collect();
-        if !rows.is_empty() {
-            let caption = "Cross-validation: improvement of each third of the evidence, predicted from the other two (reduction of −2 ln of its probability; a dash if one third determines the effect almost alone)";
-            text += &table(caption, &["found", "gyros", "first third", "second", "last", "sum"], rows);
-        }
+    /// Cross-validation of the effects.
+    fn thirds(&self) -> Option<String> {
+        let rows = self.diagnosis.entries.iter().filter_map(|entry| {
+            let thirds = entry.held_out?;
+            let mut row = vec![escape(&report::effect_name(entry)), gyros(&entry.gyros)];
+            row.extend(thirds.map(|better| improvement(&[better])));
+            row.push(improvement(&thirds));
+            Some(row)
+        });
+        let caption = "Cross-validation: improvement of each third of the evidence, predicted from the other two (reduction of −2 ln of its probability; a dash if one third determines the effect almost alone)";
+        table_if_any(caption, &["found", "gyros", "first third", "second", "last", "sum"], rows)
+    }
+
+    fn gap(&self) -> String {
         let row = |name: &str, gap: &ResidualStats| {
             let ResidualStats { rms_arcsec, max_arcsec, after_30min_arcsec, reduced_chi2, .. } = *gap;
             let mut row = vec![name.to_owned()];
@@ -280,22 +221,17 @@ impl DiagnosisPage<'_> {
             row("after, held out", &after.held_out),
         ];
         let caption = "The gap, arcsec within windows of 30 min over all gyros: fitted, and each third predicted from the other two";
-        text + &table(caption, &["gap", "rms", "largest", "rms at the end", "χ² per degree of freedom"], rows)
+        table(caption, &["gap", "rms", "largest", "rms at the end", "χ² per degree of freedom"], rows)
     }
 
-    fn findings(&self) -> String {
+    fn findings(&self) -> Option<String> {
         let findings = &self.diagnosis.findings;
-        if findings.is_empty() {
-            return "<h2>Exact checks</h2>\n<p>No lost, repeated, corrupt, stuck, swapped or inverted data, and no jump of \
-                    time.</p>\n"
-                .to_owned();
-        }
         let rows = findings
             .iter()
             .take(FINDINGS)
             .map(|found| vec![escape(&found.kind), escape(&found.place), prose(&found.text)]);
         let caption = format!("Findings of exact checks: {} of {}", findings.len().min(FINDINGS), findings.len());
-        format!("<h2>Exact checks</h2>\n{}", table(&caption, &["kind", "place", "finding"], rows))
+        table_if_any(&caption, &["kind", "place", "finding"], rows)
     }
 }
 

@@ -5,9 +5,8 @@ use std::fmt::Write as _;
 use geu_calibration::Track;
 use geu_calibration::parity::{ParityResidual, ParityTest, WINDOW_S};
 use geu_calibration::track::gyro_set_name;
-use geu_protocol::capture::Timestamp;
 
-use super::{quote, write_seconds};
+use super::quote;
 
 /// Formats of tracks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,7 +25,7 @@ pub fn track_difference(difference: ParityResidual) -> String {
 /// The time of a sample, else its sequence.
 pub fn instant(track: &Track) -> String {
     match track.time {
-        Some(time) => format!("{} s", seconds(time)),
+        Some(time) => format!("{time} s"),
         None => format!("sequence {}", track.sample.sequence),
     }
 }
@@ -35,8 +34,10 @@ pub fn instant(track: &Track) -> String {
 type Column = (&'static str, fn(&Track) -> Option<String>);
 
 /// Columns of the default unit, in order, before and after [`TURNED`].
-const FIRST: [Column; 2] =
-    [("t_s", |track| track.time.map(seconds)), ("sequence", |track| Some(track.sample.sequence.to_string()))];
+const FIRST: [Column; 2] = [
+    ("t_s", |track| track.time.map(|time| time.to_string())),
+    ("sequence", |track| Some(track.sample.sequence.to_string())),
+];
 const LAST: [Column; 9] = [
     ("lost_half_seconds", |track| Some(track.lost_samples.to_string())),
     ("redundancy_arcsec", |track| track.parity.map(|parity| angle(parity.accumulated.arcsec))),
@@ -83,12 +84,6 @@ fn columns(is_described: bool) -> impl Iterator<Item = Column> {
 /// The header of CSV.
 pub fn track_header(is_described: bool) -> String {
     columns(is_described).map(|(name, _)| name).collect::<Vec<_>>().join(",") + "\n"
-}
-
-fn seconds(time: Timestamp) -> String {
-    let mut bytes = Vec::new();
-    write_seconds(time, &mut bytes);
-    String::from_utf8_lossy(&bytes).into_owned()
 }
 
 fn angle(arcsec: f64) -> String {
