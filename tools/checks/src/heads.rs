@@ -31,6 +31,8 @@ const FACTOR_ERROR: f64 = 0.25;
 /// Samples of a run of one value, and the turn meanwhile that the output does not show, in counts and as a share of the range of angles.
 const STUCK_SAMPLES: u64 = 20;
 const UNSEEN: f64 = 1e-3;
+/// Changes of the output within a node, in the smallest ones, from which it is noisy: 20 samples with such noise do not have one value.
+const NOISE_STEPS: f64 = 4.0;
 /// Runs of one value from which it is a limit.
 const CLIPPED_RUNS: usize = 2;
 /// Share of the nodes that may exceed a limit: outliers do.
@@ -53,7 +55,7 @@ pub fn check_heads(
 ) -> HeadCheck {
     let matrix = sensing_matrix(configuration);
     let mut findings = samples(&recording);
-    let DeviceRecording { mut counts, constant, extremes, .. } = recording;
+    let DeviceRecording { mut counts, constant, extremes, steps, .. } = recording;
     let turned = turns(&counts, reference);
     let heads = counts.gyros.heads();
     // What a run of one value does not show of the turn is known in the right unit.
@@ -75,7 +77,7 @@ pub fn check_heads(
         findings.push(Finding { kind: Finding::UNIT_FACTOR.to_owned(), place, text });
         counts.multiply(head, 1.0 / exact(factor));
     }
-    let mut faults = constant_output(&mut counts, (&constant, &extremes), &turned, &matrix, &mut findings);
+    let mut faults = constant_output(&mut counts, (&constant, &extremes, &steps), &turned, &matrix, &mut findings);
     let found: Vec<Option<Follows>> =
         (0..heads).map(|head| Follows::find(head, &counts, &[], &turned, &matrix, configuration)).collect();
     let by_own: Vec<Follows> = (0..heads).map(|head| found[head].unwrap_or(Follows::nominal(head))).collect();
@@ -136,7 +138,7 @@ fn turns(counts: &AccumulatedCounts, reference: &ReferenceAttitude) -> Vec<Optio
 /// Leaves out constant output while the unit turns; returns the heads that stand out by it.
 fn constant_output(
     counts: &mut AccumulatedCounts,
-    (constant, extremes): (&[ConstantRun], &[Vec<[f64; 2]>]),
+    (constant, extremes, steps): (&[ConstantRun], &[Vec<[f64; 2]>], &[f64]),
     turned: &[Option<Vector3<f64>>],
     matrix: &MatrixXx3<f64>,
     findings: &mut Vec<Finding>,
@@ -162,8 +164,9 @@ fn constant_output(
             let largest = (run.from..run.to).filter_map(|node| turn(&node)).fold(0.0, f64::max);
             let is_still = |node: &usize| turn(node).is_some_and(|turn| turn <= largest);
             let others = (0..run.from).chain(run.to..turned.len() - 1).filter(is_still);
-            let (noisy, constant): (Vec<[f64; 2]>, Vec<[f64; 2]>) =
-                others.filter_map(|node| extremes[head].get(node).copied()).partition(|[low, high]| low < high);
+            let (noisy, constant): (Vec<[f64; 2]>, Vec<[f64; 2]>) = others
+                .filter_map(|node| extremes[head].get(node).copied())
+                .partition(|[low, high]| high - low >= NOISE_STEPS * steps[head]);
             noisy.len() >= MIN_WINDOWS.max(2 * constant.len())
         };
         let is_wrong =

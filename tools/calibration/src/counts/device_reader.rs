@@ -51,6 +51,8 @@ pub struct DeviceRecording {
     pub constant: Vec<ConstantRun>,
     /// Smallest and largest sample of each gyro after each node, arcsec.
     pub extremes: Vec<Vec<[f64; 2]>>,
+    /// Smallest change of each gyro from sample to sample, arcsec.
+    pub steps: Vec<f64>,
     /// Outliers that are left out, for each gyro.
     pub outliers: Vec<u64>,
     pub samples: u64,
@@ -84,6 +86,8 @@ struct Recent {
     run: (usize, u64),
     /// Smallest and largest sample after each node.
     extremes: Vec<[f64; 2]>,
+    /// Smallest change from sample to sample; 0 without one.
+    step: f64,
 }
 
 /// Accumulates the samples of a described unit.
@@ -221,6 +225,8 @@ impl DeviceCountsReader {
                 self.recording.constant.push(run);
             }
             recent.run = (node, 1);
+            let step = (arcsec - last).abs();
+            recent.step = if recent.step > 0.0 { recent.step.min(step) } else { step };
         }
         if arcsec == last && last == before {
             // Output that stays shows no departure.
@@ -268,12 +274,14 @@ impl DeviceCountsReader {
             .filter(|run| run.from < nodes)
             .map(|run| ConstantRun { to: run.to.min(nodes), ..run })
             .collect();
+        let steps = self.recent.iter().map(|own| own.step).collect();
         let cut = |own: Recent| own.extremes.into_iter().take(nodes).collect();
         let extremes = self.recent.into_iter().map(cut).collect();
         Some(DeviceRecording {
             counts,
             constant,
             extremes,
+            steps,
             outliers,
             samples,
             missing,
