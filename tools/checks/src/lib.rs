@@ -20,6 +20,7 @@ mod compared;
 mod correlation;
 mod finding;
 mod findings;
+mod follows;
 mod heads;
 mod link;
 mod moments;

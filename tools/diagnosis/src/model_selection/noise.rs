@@ -98,15 +98,16 @@ impl SelectedModel {
         std::array::from_fn(|channel| all[channel])
     }
 
-    /// Adds the flicker that the drift of every gyro has where the configuration states no noise, if it is likelier.
+    /// Adds the flicker that every drift has to gyros without stated noise, if it is likelier.
     pub fn add_unstated_flicker(&mut self, case: &DiagnosisCase) {
+        let is_open = |gyro: &usize| case.measured.is_usable(*gyro) && self.state.noise[*gyro].flicker == 0.0;
+        let open: Vec<usize> = unstated(case, &case.measured.gyros()).filter(is_open).collect();
+        if open.is_empty() {
+            return;
+        }
         let linearised = case.linearised(&mut self.state);
-        for gyro in case.measured.gyros().gyros().map(|gyro| gyro.index()) {
-            let noise = &self.state.noise[gyro];
-            if noise::is_declared(case.nominal, gyro) || noise.flicker > 0.0 || !case.measured.is_usable(gyro) {
-                continue;
-            }
-            let (with, fall) = unstated_flicker(case, noise, gyro, &linearised);
+        for gyro in open {
+            let (with, fall) = unstated_flicker(case, &self.state.noise[gyro], gyro, &linearised);
             if fall > FURTHER_WALK_CHI2 {
                 self.state.noise[gyro] = with;
             }
@@ -135,6 +136,11 @@ const EARLIEST_MINIMUM_S: f64 = 100.0;
 /// Shares of the largest flicker that are tried.
 const FLICKERS: [f64; 3] = [0.25, 0.5, 1.0];
 
+/// Gyros of a set without stated noise.
+fn unstated(case: &DiagnosisCase, gyros: &Gyros) -> impl Iterator<Item = usize> {
+    gyros.gyros().map(|gyro| gyro.index()).filter(|gyro| !noise::is_declared(case.nominal, *gyro))
+}
+
 /// The likeliest of a few flickers of a gyro of which the configuration states no noise, and the reduction of χ²; at most 0 for none.
 fn unstated_flicker(
     case: &DiagnosisCase,
@@ -154,13 +160,12 @@ fn unstated_flicker(
 
 /// χ² reduction by a flicker on the gyros of a hypothesis of which the configuration states no noise, in its place.
 pub(super) fn unstated_flicker_fall(case: &DiagnosisCase, state: &mut ModelState, hypothesis: &Hypothesis) -> f64 {
-    if hypothesis.amplitude.is_of_unit() {
+    let gyros: Vec<usize> = unstated(case, &hypothesis.gyros).collect();
+    if hypothesis.amplitude.is_of_unit() || gyros.is_empty() {
         return 0.0;
     }
     let linearised = case.linearised(state);
-    let unstated = hypothesis.gyros.gyros().filter(|gyro| !noise::is_declared(case.nominal, gyro.index()));
-    let fall = |gyro: usize| unstated_flicker(case, &state.noise[gyro], gyro, &linearised).1.max(0.0);
-    unstated.map(|gyro| fall(gyro.index())).sum()
+    gyros.into_iter().map(|gyro| unstated_flicker(case, &state.noise[gyro], gyro, &linearised).1.max(0.0)).sum()
 }
 
 /// χ² reduction by a larger rate random walk or flicker on the gyros of a hypothesis, in its place.
