@@ -268,6 +268,13 @@ fn output_without_noise_is_stuck_where_the_unit_does_not_turn_about_its_axis() {
 }
 
 #[test]
+fn output_of_zero_from_the_start_is_stuck() {
+    let dead = |_, t_s, [x, _, z]: [f64; 3]| Some((t_s, [x, 0.0, z]));
+    let diagnosis = of_table(dead, |_| 20.0, 0.2);
+    assert_eq!(missing(&diagnosis), [("stuck-output".to_owned(), vec!["Y".to_owned()])], "{diagnosis}");
+}
+
+#[test]
 fn few_lost_samples_of_many_are_interpolated() {
     let lost = injected("lost-samples", &[], &[("share", 0.05)]);
     let (_, diagnosis) = diagnosed("tetrad", 77, DeviceMotionKind::Hand, 900.0, lost);

@@ -75,19 +75,30 @@ pub struct RowsLeftOut {
 }
 
 /// The last samples of one gyro.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 struct Recent {
-    /// The sample before and the one before that.
+    /// The sample before and the one before that; `NaN` for none.
     values: [f64; 2],
-    /// Mean departure of a sample from its neighbours, and the number of samples.
+    /// Mean departure of a sample from its neighbours, and the number of departures.
     departure: f64,
     count: u64,
     /// Node at the start of a run of one value, and its samples.
     run: (usize, u64),
     /// Smallest and largest sample after each node.
     extremes: Vec<[f64; 2]>,
-    /// Smallest change from sample to sample; 0 without one.
+    /// Smallest change from sample to sample; infinite without one.
     step: f64,
+}
+
+impl Recent {
+    const NONE: Recent = Recent {
+        values: [f64::NAN; 2],
+        departure: 0.0,
+        count: 0,
+        run: (0, 0),
+        extremes: Vec::new(),
+        step: f64::INFINITY,
+    };
 }
 
 /// Accumulates the samples of a described unit.
@@ -140,7 +151,7 @@ impl DeviceCountsReader {
             since: vec![0.0; gyros.heads()],
             coning: vec![vec![0.0; gyros.heads()]; gyros.heads()],
             pending: Vec::new(),
-            recent: vec![Recent::default(); gyros.heads()],
+            recent: vec![Recent::NONE; gyros.heads()],
             recording: Extras { outliers: vec![0; gyros.heads()], ..Extras::default() },
         }
     }
@@ -216,7 +227,7 @@ impl DeviceCountsReader {
             let [low, high] = &mut recent.extremes[node];
             (*low, *high) = (low.min(arcsec), high.max(arcsec));
         }
-        if recent.count > 0 && arcsec == last {
+        if arcsec == last {
             recent.run.1 += 1;
         } else {
             let (from, samples) = recent.run;
@@ -225,15 +236,14 @@ impl DeviceCountsReader {
                 self.recording.constant.push(run);
             }
             recent.run = (node, 1);
-            let step = (arcsec - last).abs();
-            recent.step = if recent.step > 0.0 { recent.step.min(step) } else { step };
+            recent.step = recent.step.min((arcsec - last).abs());
         }
-        if arcsec == last && last == before {
-            // Output that stays shows no departure.
+        let off = (last - 0.5 * (arcsec + before)).abs();
+        // Output that stays shows no departure.
+        if off.is_nan() || arcsec == last && last == before {
             return;
         }
         recent.count += 1;
-        let off = (last - 0.5 * (arcsec + before)).abs();
         let is_outlier = recent.count > SETTLED
             && off > OUTLIER * recent.departure
             && (arcsec - before).abs() < 0.2 * off
@@ -317,7 +327,7 @@ impl Sink<DeviceSample> for DeviceCountsReader {
             let kind = if is_short { BreakKind::Interpolated(missing) } else { BreakKind::Gap(missing) };
             // The mean of the samples before and after; of a head without one, that of the other.
             let between = |(recent, &after): (&Recent, &f64)| {
-                let before = if recent.count > 0 { recent.values[0] } else { after };
+                let before = if recent.values[0].is_nan() { after } else { recent.values[0] };
                 let after = if after.is_nan() { before } else { after };
                 let mean = 0.5 * (before + after) * missing_samples;
                 if is_short && mean.is_finite() { mean } else { 0.0 }
