@@ -182,18 +182,8 @@ fn constant_output(
         let clipped: Vec<Range<usize>> = runs.map(|run| run[0]..run[run.len() - 1] + 1).collect();
         let constant = stuck.iter().map(|run| run.from..run.to).collect();
         for (all, kind, name, what) in [
-            (
-                constant,
-                BreakKind::Constant,
-                "stuck-output",
-                "the output does not change while the unit turns, or has no noise",
-            ),
-            (
-                clipped,
-                BreakKind::Saturated,
-                "clipped",
-                "the output stays at its largest value while the unit turns faster",
-            ),
+            (constant, BreakKind::Constant, "stuck-output", "the output stays while the unit turns, or has no noise"),
+            (clipped, BreakKind::Saturated, "clipped", "the output stays at its limit while the unit turns faster"),
         ] {
             let (Some(first), Some(last)) = (all.first(), all.last()) else { continue };
             let share = all.iter().map(Range::len).sum::<usize>() as f64 / counts.len().max(1) as f64;
@@ -203,9 +193,11 @@ fn constant_output(
             let place = format!("{}, {from_s:.1}\u{2013}{to_s:.1} s", gyro.name());
             findings.push(Finding { kind: name.to_owned(), place, text });
             if kind == BreakKind::Constant && share > NAMED_SHARE {
-                let onset_s = (first.start > 1).then_some(from_s);
+                // An effect has one time: that of the longest.
+                let Range { start, end } = all.iter().max_by_key(|own| own.len()).unwrap_or(first).clone();
+                let onset_s = (start > 1).then(|| counts.node_s[start]);
                 let samples = stuck.iter().map(|run| run.samples as usize).sum();
-                let end_s = (last.end < counts.len()).then_some(to_s);
+                let end_s = (end < counts.len()).then(|| counts.node_s[end]);
                 faults.push(fault("stuck-output.on", gyro, 1.0, counts.gyros, onset_s, end_s, samples));
             }
             let last = counts.len();
