@@ -270,3 +270,13 @@ pub fn configured(
 pub fn is_real(amplitude: &AmplitudeRef) -> bool {
     amplitude.size().form == ValueFormat::Real
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn indices_of_courses_have_their_names() {
+        assert_eq!([STEP, RAMP, PULSE].map(|kind| COURSES[kind].name), ["-step", "-ramp", "-pulse"]);
+    }
+}

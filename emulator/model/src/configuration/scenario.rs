@@ -101,7 +101,6 @@ impl Part for &mut Vec<Manoeuvre> {
 /// Most segments of a motion.
 const MAX_SEGMENTS: usize = 10_000;
 
-/// Prescribed rates.
 /// Comment lines with meaning, limits and default of each number.
 fn describe_with_defaults(text: &mut String, specs: &[ParameterSpec]) {
     for spec in specs {
@@ -114,6 +113,7 @@ fn describe_with_defaults(text: &mut String, specs: &[ParameterSpec]) {
     }
 }
 
+/// Prescribed rates.
 impl Part for &mut Vec<RateSegment> {
     fn read(&mut self, node: &Node, key: &str) -> Read<()> {
         let nodes = node.tables(key)?;
