@@ -159,10 +159,11 @@ fn constant_output(
         };
         // At other times of as little motion about the axis the output is noisy.
         let is_noiseless = |run: &ConstantRun| {
-            let turn = |node: &usize| Some((angle(node + 1)? - angle(*node)?).abs());
-            let largest = (run.from..run.to).filter_map(|node| turn(&node)).fold(0.0, f64::max);
-            let is_still = |node: &usize| turn(node).is_some_and(|turn| turn <= largest);
-            let others = (0..run.from).chain(run.to..turned.len() - 1).filter(is_still);
+            let turn = |node: usize| angle(node + 1).zip(angle(node)).map_or(f64::NAN, |(to, from)| (to - from).abs());
+            let largest = (run.from..run.to).map(turn).fold(0.0, f64::max);
+            // A node in which the motion reverses has neighbours of more.
+            let is_still = |node: &usize| (node - 1..=node + 1).all(|node| turn(node) <= largest);
+            let others = (1..run.from).chain(run.to..turned.len().saturating_sub(2)).filter(is_still);
             let (noisy, constant): (Vec<[f64; 2]>, Vec<[f64; 2]>) = others
                 .filter_map(|node| extremes[head].get(node).copied())
                 .partition(|[low, high]| high - low >= NOISE_STEPS * steps[head]);
