@@ -149,6 +149,7 @@ mod tests {
             condition: 1.0,
             leverage: Vec::new(),
             residuals: Vec::new(),
+            trial_drifts: Vec::new(),
         }
     }
 

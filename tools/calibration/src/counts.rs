@@ -13,7 +13,7 @@ use geu_protocol::field::{GYRO_FLAGS, unit_flag};
 use geu_protocol::{Gyro, Gyros, Sample};
 use geu_recording::ReferenceAttitude;
 pub use head_reader::{HeadAngles, HeadReader};
-use nalgebra::Matrix4;
+use nalgebra::{DVector, Matrix4, MatrixXx3, Vector3};
 pub use reader::CountsReader;
 
 /// Why the sum over a sample interval is unusable.
@@ -38,6 +38,8 @@ pub enum BreakKind {
     Outlier,
     /// The output does not change.
     Constant,
+    /// The reference does not state the turn.
+    Unknown,
 }
 
 impl std::fmt::Display for BreakKind {
@@ -53,6 +55,7 @@ impl std::fmt::Display for BreakKind {
             BreakKind::SelfTest => write!(f, "the self-test runs"),
             BreakKind::Outlier => write!(f, "a sample is far from its neighbours"),
             BreakKind::Constant => write!(f, "the output does not change"),
+            BreakKind::Unknown => write!(f, "the reference does not state the turn"),
         }
     }
 }
@@ -192,6 +195,29 @@ impl AccumulatedCounts {
         let (first, second) = (known.next(), known.next());
         if let Some(celsius) = first {
             (self.electronics_c, self.sensor_c) = (celsius, second.unwrap_or_default());
+        }
+    }
+
+    /// Leaves out the gaps in which the reference does not state the turn: the angles follow its own there, which stays. `matrix` has the axis
+    /// of each gyro.
+    pub fn leave_out_unknown(&mut self, reference: &ReferenceAttitude, matrix: &MatrixXx3<f64>) {
+        let (offset_s, mut near, last) = (self.offset_s(reference), 0, self.len());
+        for [from_s, to_s] in reference.truth.unknown_s() {
+            let from = self.node_s.partition_point(|node_s| node_s + offset_s <= from_s).saturating_sub(1);
+            let to = self.node_s.partition_point(|node_s| node_s + offset_s < to_s).min(last);
+            if from >= to {
+                continue;
+            }
+            let mut at =
+                |node: usize| matrix * Vector3::from(reference.truth.at(self.node_s[node] + offset_s, &mut near).0);
+            let turned: Vec<DVector<f64>> = (from..=to).map(&mut at).collect();
+            for (gyro, sums) in self.accumulated.iter_mut().enumerate() {
+                let left = sums[to] - sums[from] - (turned[to - from][gyro] - turned[0][gyro]);
+                (from + 1..to).for_each(|node| sums[node] = sums[from] + turned[node - from][gyro] - turned[0][gyro]);
+                sums[to..].iter_mut().for_each(|sum| *sum -= left);
+            }
+            self.coning.iter_mut().flatten().for_each(|own| own[from + 1..=to].fill(0.0));
+            self.breaks.push(Discontinuity { from, to, gyros: self.gyros, kind: BreakKind::Unknown });
         }
     }
 

@@ -298,6 +298,7 @@ pub fn earlier(name: &str, json: &Value) -> Result<PreviousCalibration, FieldErr
         condition: any("condition", 0.0)?,
         leverage: Vec::new(),
         residuals: Vec::new(),
+        trial_drifts: Vec::new(),
     };
     Ok(PreviousCalibration { name: name.to_owned(), time_s: any("time_s", f64::MIN)?, solution })
 }

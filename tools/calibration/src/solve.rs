@@ -19,6 +19,7 @@ mod determined;
 mod parameter;
 mod redundancy;
 mod solution;
+mod trials;
 
 use geu_model::package::{Calibration, dot};
 use geu_model::units::ARCSEC_PER_RAD;
@@ -30,6 +31,7 @@ pub(crate) use covariance::shared_covariance;
 pub use parameter::{BEFORE_LAUNCH, CalibrationParameter, PER_GYRO, UNKNOWNS, off_axes, own_axis, sensing_axis};
 pub use redundancy::ParityOfHeads;
 pub use solution::{Residual, Solution, probability, values, values_of};
+pub use trials::TrialsOfObservations;
 
 /// Share of a prior sigma from which the sigma of a parameter shows that the data do not determine it.
 const UNDETERMINED: f64 = 0.05;
@@ -87,11 +89,15 @@ pub fn solve_described(
     walks: &[RandomWalks],
     (prior, about): (&[Calibration], &[Calibration]),
     parameters: Vec<CalibrationParameter>,
-    sizes: &[f64],
+    (sizes, trials): (&[f64], &TrialsOfObservations),
 ) -> Result<Solution, SolveError> {
     let mut equations = Equations::new(observations, walks, prior, parameters)?;
     equations.expect_counts(about);
-    equations.solve(prior, sizes)
+    let covariance = equations.reported.clone();
+    trials.free_drifts(&mut equations);
+    let mut solution = equations.solve(prior, sizes)?;
+    solution.trial_drifts = trials.drifts(&equations, &solution, &covariance)?;
+    Ok(solution)
 }
 
 pub(crate) struct Equations<'a> {
@@ -182,6 +188,7 @@ impl<'a> Equations<'a> {
             condition: (squares.max() / squares.min().max(f64::MIN_POSITIVE)).sqrt(),
             leverage,
             residuals: self.residuals(&left, |row| covariance_left(row, row)),
+            trial_drifts: Vec::new(),
         })
     }
 

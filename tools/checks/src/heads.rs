@@ -107,7 +107,10 @@ fn samples(recording: &DeviceRecording) -> Vec<Finding> {
     let defects = (*defects > 0).then(|| whole("defects", format!("{defects} in the input; `geu decode` lists them")));
     let rows = [
         (left_out.repeated, "are at the time of an earlier row or before it"),
-        (left_out.of_other_trials, "belong to other trials than the first"),
+        (
+            left_out.of_other_trials,
+            "are of other trials than the reference's, far from its rows, or of others than the first",
+        ),
         (left_out.after_gap, "come after a longer gap than a recording may have (split it there)"),
     ];
     let left_out = rows.into_iter().filter(|(count, _)| *count > 0);

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use geu_calibration::DeviceRecording;
+use geu_calibration::transfer::sensing_matrix;
 use geu_checks::{Alignment, check_heads};
 use geu_model::Configuration;
 use geu_recording::ReferenceAttitude;
@@ -14,6 +15,7 @@ use crate::model_state::LAG_S;
 use crate::outcome::Diagnosis;
 use crate::significance::THREE_SIGMAS;
 use crate::solution::{self, DiagnosisOptions};
+use crate::trial_drifts::TrialDrifts;
 
 /// Diagnoses the recording of a described unit, exact checks included.
 ///
@@ -31,14 +33,22 @@ pub fn diagnose_device(
     }
     let device = Arc::new(nominal.device.at_nodes(recording.counts.interval_s));
     let nominal = Configuration { device, ..nominal.clone() };
-    let raw = recording.counts.clone();
+    let matrix = sensing_matrix(&nominal);
+    let mut raw = recording.counts.clone();
+    raw.leave_out_unknown(reference, &matrix);
     let Alignment { lag_s, clock_ppm: aligned_ppm } = Alignment::find(&raw, &nominal, reference);
+    recording.counts.leave_out_unknown(&reference.later(lag_s), &matrix);
     recording.counts.correct_clock(aligned_ppm);
-    let checked = check_heads(recording, &nominal, &reference.later(lag_s));
+    let mut checked = check_heads(recording, &nominal, &reference.later(lag_s));
+    let start_s = lag_s - raw.offset_s(reference);
+    let mut trial_drifts = TrialDrifts::none(&reference.trials, start_s, raw.gyros);
     let (fitted, clock_ppm) = {
         let mut unsmoothed = MeasuredData::combined(checked.counts.clone(), reference, lag_s, None, None)?;
         unsmoothed.clock_ppm = aligned_ppm;
-        solution::fitted_with_clock(&DiagnosisCase::new(&unsmoothed, &nominal))
+        let case = DiagnosisCase::new(&unsmoothed, &nominal);
+        let (fitted, clock_ppm) = solution::fitted_with_clock(&case);
+        trial_drifts.subtract(&mut checked.counts, &case, &fitted);
+        (fitted, clock_ppm)
     };
     // A lag within that of a link changes no attitude.
     let lag_s = lag_s + fitted.shifts.lag_s;
@@ -50,11 +60,12 @@ pub fn diagnose_device(
     let combined = |calibrated: &Configuration, added: Option<&Series>| -> Result<MeasuredData, MeasuredError> {
         let mut measured = MeasuredData::combined(counts.clone(), reference, lag_s, Some(calibrated), added)?;
         measured.clock_ppm = if aligned_ppm == 0.0 { 0.0 } else { clock_ppm };
+        measured.trial_drifts = trial_drifts.clone();
         Ok(measured)
     };
     let measured = combined(&fitted.configuration(&nominal), None)?;
     let smoothed = |calibrated: &Configuration, added: &Series| combined(calibrated, Some(added)).ok();
-    let has_changed = is_late || clock_ppm != 0.0 || !checked.faults.is_empty();
+    let has_changed = is_late || clock_ppm != 0.0 || !checked.faults.is_empty() || !trial_drifts.is_empty();
     let raw = if has_changed { MeasuredData::combined(raw, reference, 0.0, None, None).ok() } else { None };
     Ok(diagnose(&measured, (raw, &smoothed), (checked.findings, checked.faults), &nominal, options))
 }

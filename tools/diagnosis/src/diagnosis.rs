@@ -14,7 +14,7 @@ use crate::entries::Entries;
 use crate::measured::{
     MeasuredData, MeasuredError, ModelRun, ReferenceSigma, Series, Shifts, SmoothedReference, TIMING,
 };
-use crate::model_selection::{FEW_SAMPLES, SelectedModel};
+use crate::model_selection::{FEW_SAMPLES, SelectedModel, early_minimum_s};
 use crate::model_state::ModelState;
 use crate::motion_segments;
 use crate::noise;
@@ -76,6 +76,11 @@ pub(crate) fn diagnose(
     if let Some(again) = &mut again {
         again.noise_scale = scales.map(Arc::new);
     }
+    if !measured.trial_drifts.is_empty() && !solution.selected.state.held.is_empty() {
+        let again = again.get_or_insert_with(|| measured.clone());
+        let Solution { case, selected, .. } = &solution;
+        again.trial_drifts.subtract(&mut again.counts, case, &selected.state);
+    }
     if let Some(again) = &again {
         findings.extend(again.noise_scale.is_some().then(|| uneven_noise(again)));
         // Two at a time would take twice the memory.
@@ -86,6 +91,7 @@ pub(crate) fn diagnose(
     findings.extend(solution.is_closed_loop().then(|| closed_loop(solution.correlation)));
     findings.extend(measured.smoothed.as_deref().and_then(glitches));
     findings.extend(measured.reference_sigma.as_ref().and_then(ReferenceSigma::finding));
+    findings.extend(measured.trial_drifts.findings(&solution.case));
     findings.extend(zones(solution.unknown_rate_arcsec_per_s));
     let angles = solution.needs_angles().then(|| solution.dequantised());
     let second = angles.as_ref().map(|angles| Solution::new(angles, nominal, options, false));
@@ -131,6 +137,7 @@ impl Report<'_> {
             left = selected.normal.projected_residual();
         }
         findings.extend(smaller_noise(measured, &left));
+        findings.extend(walking_drifts(case, &selected.state));
         let noises = self.entries.noises(&selected);
         let effects_end = entries.iter().take_while(|entry| entry.class == Class::MissingEffect).count();
         entries.splice(effects_end..effects_end, noises);
@@ -355,6 +362,21 @@ fn smaller_noise(measured: &MeasuredData, left: &Series) -> Option<Finding> {
         place: is_smaller.names().join(", "),
         text: format!(
             "at most {times:.2} times the noise as configured: with the walks of the gyro, smaller effects are found"
+        ),
+    })
+}
+
+/// The finding of drifts that change more than those of gyros do, where the configuration states no noise.
+fn walking_drifts(case: &DiagnosisCase, state: &ModelState) -> Option<Finding> {
+    let minimum_s =
+        |gyro: usize| early_minimum_s(&state.noise[gyro]).filter(|_| !noise::is_declared(case.nominal, gyro));
+    let walking = case.measured.gyros().filter(|gyro| case.measured.is_usable(gyro) && minimum_s(gyro).is_some());
+    let earliest_s = walking.gyros().filter_map(|gyro| minimum_s(gyro.index())).fold(f64::INFINITY, f64::min);
+    (!walking.is_empty()).then(|| Finding {
+        kind: "drift-walks".to_owned(),
+        place: walking.names().join(", "),
+        text: format!(
+            "the drift changes irregularly: the Allan deviation is smallest at {earliest_s:.0} s, earlier than that of any gyro"
         ),
     })
 }

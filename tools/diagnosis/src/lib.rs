@@ -50,6 +50,7 @@ mod spots;
 mod sweep;
 mod temperature_lag;
 mod time_origin;
+mod trial_drifts;
 mod unexplained;
 mod whiteness;
 pub mod whitening;

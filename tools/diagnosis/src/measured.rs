@@ -22,6 +22,7 @@ use geu_model::attitude::RecordedAttitude;
 use geu_protocol::Gyros;
 use geu_recording::ReferenceAttitude;
 
+use crate::trial_drifts::TrialDrifts;
 use dequantised::{DequantisedAngles, dequantise};
 pub use planned::PlannedMotion;
 pub use reference_sigma::ReferenceSigma;
@@ -90,6 +91,8 @@ pub struct Block {
     pub is_compared: bool,
     /// True if the sum restarts in it or before it: the counts of a break are unknown.
     pub restarts: bool,
+    /// True if a further trial begins in it: the drift is another one.
+    pub begins_trial: bool,
 }
 
 /// A recording beside its reference.
@@ -119,6 +122,8 @@ pub struct MeasuredData {
     pub lag_s: f64,
     /// Error of the clock by which the recording is aligned with the reference, ppm.
     pub clock_ppm: f64,
+    /// Drifts of further trials that are taken from the counts.
+    pub trial_drifts: TrialDrifts,
     /// Time of node 0 since the origin of time courses: 0, or the end of the recording that a planned motion follows.
     pub(crate) start_s: f64,
 }
@@ -151,7 +156,7 @@ impl MeasuredData {
         let readings = [&mut counts.electronics_c, &mut counts.sensor_c].into_iter();
         readings.for_each(|celsius| *celsius = between_readings(celsius));
         let start_s = (reference.start_ns - counts.start_ns) as f64 * 1e-9 + lag_s;
-        let sigma_arcsec = &reference.sigma_arcsec;
+        let (sigma_arcsec, reference_trials) = (&reference.sigma_arcsec, &reference.trials);
         let reference = RecordedAttitude::clone(&reference.truth).starting_at(start_s);
         // Only within the reference, not at its ends, is the interpolating spline accurate.
         let is_covered = |node: usize| (start_s..=reference.end_s()).contains(&counts.node_s[node]);
@@ -161,11 +166,11 @@ impl MeasuredData {
         let block = |channel: usize, number: usize| match channel {
             TIMING => {
                 let is_good = nodes(number).any(|node| !late[node].is_nan());
-                Block { is_good, is_compared: is_good, restarts: false }
+                Block { is_good, is_compared: is_good, restarts: false, begins_trial: false }
             }
             _ => {
                 let is_good = nodes(number).all(is_covered);
-                Block { is_good, is_compared: is_good, restarts: !is_good }
+                Block { is_good, is_compared: is_good, restarts: !is_good, begins_trial: false }
             }
         };
         let heads = counts.gyros.heads();
@@ -179,6 +184,11 @@ impl MeasuredData {
         };
         let covered = good(&blocks);
         leave_out(&counts.breaks, &mut blocks);
+        for trial in reference_trials.iter().skip(1) {
+            let number =
+                counts.node_s.partition_point(|&node_s| node_s <= start_s + trial.from_s).saturating_sub(1) / BLOCK;
+            blocks[..TIMING].iter_mut().filter_map(|own| own.get_mut(number)).for_each(|own| own.begins_trial = true);
+        }
         let good = good(&blocks);
         let common_s = (counts.end_s().min(reference.end_s()) - start_s.max(0.0)).max(0.0);
         let [good_s, min_s] = [good, MIN_BLOCKS].map(|count| (count * BLOCK) as f64 * counts.interval_s);
@@ -215,6 +225,7 @@ impl MeasuredData {
             late,
             lag_s,
             clock_ppm: 0.0,
+            trial_drifts: TrialDrifts::default(),
             start_s: 0.0,
         })
     }
@@ -349,7 +360,7 @@ fn leave_out(breaks: &[Discontinuity], blocks: &mut [Vec<Block>; CHANNELS]) {
         for (index, channel) in blocks.iter_mut().enumerate() {
             let is_affected = if index == TIMING { moves_times } else { found.gyros[index] };
             for block in channel.iter_mut().take(last + 1).skip(found.from / BLOCK).filter(|_| is_affected) {
-                *block = Block { is_good: false, is_compared: false, restarts: true };
+                *block = Block { is_good: false, is_compared: false, restarts: true, ..*block };
             }
         }
     }

@@ -30,6 +30,7 @@ use acceptance::negligible;
 use candidate_fit::{HeldOut, best_fit};
 use pairs::likeliest_pair;
 
+pub use noise::early_minimum_s;
 pub use selected::{FEW_SAMPLES, IdentifiedNoise, MAX_PER_GYRO, SelectedModel, SelectionStep};
 
 /// Maximum number of effects.

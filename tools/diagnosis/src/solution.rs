@@ -316,7 +316,7 @@ fn key(
     scales.for_each(|scale| push(&tenths(scale.ln())));
     for channel in 0..CHANNELS {
         for block in &measured.blocks[channel] {
-            push(&[u8::from(block.is_good), u8::from(block.restarts)]);
+            push(&[u8::from(block.is_good), u8::from(block.restarts) + 2 * u8::from(block.begins_trial)]);
         }
         push(&noise[channel].angle_walk.to_le_bytes());
         push(&noise[channel].rate_walk.to_le_bytes());

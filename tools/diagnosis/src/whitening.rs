@@ -75,6 +75,9 @@ impl Whitening {
             let walk = covariance.angle_walk * own.walk_scale;
             let angle = walk + noise.scale_walk.powi(2) * own.scale_walk + own.reference_walk;
             anew |= block.restarts;
+            if block.begins_trial {
+                covariance.free_drift(angle + white);
+            }
             let average = covariance.advance(angle, white);
             let (mut gains, mut weight) = (OfState::default(), 0.0);
             if block.is_compared && std::mem::take(&mut anew) {
@@ -251,8 +254,8 @@ mod tests {
     #[test]
     fn transposed_filter_gives_the_product_with_a_whitened_series() {
         let noise = NoiseModel { white: 1.0 / 120.0, angle_walk: 0.01, rate_walk: 8e-6, scale_walk: 0.0, flicker: 5.0 };
-        let mut blocks = vec![Block { is_good: true, is_compared: true, restarts: false }; 300];
-        blocks[90] = Block { is_good: false, is_compared: false, restarts: true };
+        let mut blocks = vec![Block { is_good: true, is_compared: true, restarts: false, begins_trial: false }; 300];
+        blocks[90] = Block { is_good: false, is_compared: false, restarts: true, begins_trial: false };
         let rounding =
             BlockRounding { variance: 0.05, correlation: 0.7, second_difference: 0.1, ..BlockRounding::NONE };
         let whitening = Whitening::new(&noise, &blocks, &vec![rounding; blocks.len()], BLOCK_S);
@@ -273,7 +276,7 @@ mod tests {
     fn several_series_are_whitened_as_one() {
         for flicker in [0.0, 5.0] {
             let noise = NoiseModel { white: 1.0 / 120.0, angle_walk: 0.01, rate_walk: 8e-6, scale_walk: 0.0, flicker };
-            let blocks = vec![Block { is_good: true, is_compared: true, restarts: false }; 300];
+            let blocks = vec![Block { is_good: true, is_compared: true, restarts: false, begins_trial: false }; 300];
             let rounding =
                 BlockRounding { variance: 0.05, correlation: 0.7, second_difference: 0.1, ..BlockRounding::NONE };
             let whitening = Whitening::new(&noise, &blocks, &vec![rounding; blocks.len()], BLOCK_S);
@@ -294,8 +297,8 @@ mod tests {
     #[test]
     fn tails_equal_whitened_courses() {
         let noise = NoiseModel { white: 1.0 / 120.0, angle_walk: 0.01, rate_walk: 8e-6, scale_walk: 0.0, flicker: 0.0 };
-        let mut blocks = vec![Block { is_good: true, is_compared: true, restarts: false }; 200];
-        blocks[90] = Block { is_good: false, is_compared: false, restarts: true };
+        let mut blocks = vec![Block { is_good: true, is_compared: true, restarts: false, begins_trial: false }; 200];
+        blocks[90] = Block { is_good: false, is_compared: false, restarts: true, begins_trial: false };
         let rounding =
             BlockRounding { variance: 0.05, correlation: 0.7, second_difference: 0.1, ..BlockRounding::NONE };
         let whitening = Whitening::new(&noise, &blocks, &vec![rounding; blocks.len()], BLOCK_S);
@@ -346,7 +349,7 @@ mod tests {
     #[test]
     fn a_count_that_flips_at_rest_is_no_evidence() {
         let noise = NoiseModel { white: 1e-6, angle_walk: 0.005, rate_walk: 0.0, scale_walk: 0.0, flicker: 0.0 };
-        let blocks = vec![Block { is_good: true, is_compared: true, restarts: false }; 20_000];
+        let blocks = vec![Block { is_good: true, is_compared: true, restarts: false, begins_trial: false }; 20_000];
         let rest = BlockRounding { variance: 1.0 / 12.0, correlation: 1.0, ..BlockRounding::NONE };
         let (mut state, mut angle) = (1u64, 0.4);
         let counts = |_: &Block| {
@@ -367,8 +370,9 @@ mod tests {
             let noise = NoiseModel { white: 1.0 / 120.0, angle_walk, rate_walk: 8e-6, scale_walk: 0.0, flicker };
             let mut stream = NoiseStream::of_sensor(1, "flicker");
             let mut processes = Flicker::stationary(&mut stream);
-            let mut blocks = vec![Block { is_good: true, is_compared: true, restarts: false }; 20_000];
-            blocks[9_000] = Block { is_good: false, is_compared: false, restarts: true };
+            let mut blocks =
+                vec![Block { is_good: true, is_compared: true, restarts: false, begins_trial: false }; 20_000];
+            blocks[9_000] = Block { is_good: false, is_compared: false, restarts: true, begins_trial: false };
             let (mut state, mut angle, mut rate) = (1u64, 0.0, 0.0);
             let mut normal = || (0..12).map(|_| draw(&mut state)).sum::<f64>();
             let step_s = BLOCK_S / BLOCK as f64;

@@ -11,7 +11,7 @@ use geu_model::Configuration;
 use geu_model::device::Device;
 use geu_model::units::SAMPLE_INTERVAL_NS;
 use geu_protocol::CanIdMap;
-use geu_recording::{DecoderOptions, DeviceDecoder, InputReader, ReferenceAttitude, Sink, Stop};
+use geu_recording::{DecoderOptions, DeviceDecoder, InputReader, Reference, ReferenceAttitude, Sink, Stop};
 use geu_report::calibration::{CalibrationPage, comparison_table, terminal_table};
 
 use crate::calibrate_compare;
@@ -76,9 +76,12 @@ enum AttitudeInput {
 impl AttitudeInput {
     fn read(arguments: &Arguments, configuration: &Configuration) -> Result<AttitudeInput, CommandError> {
         match (&arguments.reference, &arguments.fss, &arguments.sse) {
-            (Some(name), ..) => {
-                ReferenceAttitude::read_with_gaps(name).map(AttitudeInput::Reference).map_err(CommandError::input)
-            }
+            (Some(name), ..) => match Reference::read(name, &configuration.device).map_err(CommandError::input)? {
+                Reference::Attitude(reference) => Ok(AttitudeInput::Reference(reference)),
+                Reference::Magnitudes(_) => Err(CommandError::input(format!(
+                    "{name}: expected rates, turns or attitudes, which a calibration needs, got magnitudes of the rate"
+                ))),
+            },
             (None, Some(fss), Some(sse)) => AbsoluteData::read(Some(fss), sse, configuration.sensors)
                 .map(AttitudeInput::Sensors)
                 .map_err(CommandError::input),
@@ -164,8 +167,8 @@ fn run_described(
             "expected --reference FILE for {name}, got sensors of the default unit"
         )));
     };
-    let recording =
-        read_device(&arguments.link, &configuration.device, arguments.evaluation.start_ns(input.start_ns()))?;
+    let start_ns = arguments.evaluation.start_ns(input.start_ns());
+    let recording = read_device(&arguments.link, &configuration.device, reference, start_ns)?;
     input.check_time_system(&recording.counts)?;
     let DeviceRecording { counts, defects, outliers, left_out, .. } = recording;
     let link = arguments.link.join(" ");
@@ -283,8 +286,13 @@ pub fn read_recordings(names: &[String], plan: Option<CanIdMap>, sink: &mut impl
 ///
 /// # Errors
 /// An input cannot be read, or contains no sample.
-pub fn read_device(names: &[String], device: &Device, start_ns: i64) -> Result<DeviceRecording, CommandError> {
-    let mut counts = DeviceCountsReader::new(device);
+pub fn read_device(
+    names: &[String],
+    device: &Device,
+    reference: &ReferenceAttitude,
+    start_ns: i64,
+) -> Result<DeviceRecording, CommandError> {
+    let mut counts = DeviceCountsReader::new(device, reference);
     let options = DecoderOptions::default();
     let mut reader = InputReader::with(DeviceDecoder::new(device, &options), options, Stop::default());
     for name in names {

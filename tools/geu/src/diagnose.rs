@@ -96,7 +96,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
             diagnose_rows(&recording.rows, &recording.defects(), &nominal, &reference, &options)
         }
         false => {
-            let recording = read_device(&arguments.link, &nominal.device, options.clock_start_ns)?;
+            let recording = read_device(&arguments.link, &nominal.device, &reference, options.clock_start_ns)?;
             diagnose_device(recording, &nominal, &reference, &options)
         }
     };

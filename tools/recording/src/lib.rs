@@ -61,7 +61,7 @@ pub use input::{InputError, is_live};
 pub use input_reader::{Decode, InputReader, Stop};
 pub use no_rows::no_rows_reason;
 pub use others::Others;
-pub use reference::{MagnitudeRow, REFERENCE, Reference, ReferenceAttitude, ReferenceTrial};
+pub use reference::{MagnitudeRow, REFERENCE, Reference, ReferenceAttitude, Trial};
 pub use row::{DeviceSample, ReceivedSample, Sink};
 pub use summary::DecodeSummary;
 pub use text::{RowLines, RowReader, Table, open_rows, read_text};

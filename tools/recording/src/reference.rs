@@ -7,30 +7,27 @@ mod columns;
 mod magnitudes;
 #[cfg(test)]
 mod tests;
+mod trial_rows;
 
 use std::io::Read;
 use std::path::Path;
 use std::sync::Arc;
 
-use geu_model::attitude::{AttitudeRow, AttitudeRowsError, GAP_SPACINGS, RecordedAttitude, median_spacing_s};
+use geu_model::attitude::{AttitudeRowsError, RecordedAttitude};
 use geu_model::device::Device;
-use geu_model::units::{ARCSEC_PER_RAD, RAD_PER_DEG};
-use nalgebra::{Quaternion, UnitQuaternion};
+use geu_model::units::ARCSEC_PER_RAD;
+use nalgebra::UnitQuaternion;
 
-use self::columns::{COLUMNS, Columns, MotionKind, SIGMA_COLUMNS};
+use self::columns::{COLUMNS, Columns};
 use self::magnitudes::MagnitudeColumns;
 pub use self::magnitudes::MagnitudeRow;
+use self::trial_rows::TrialRows;
 use crate::aem;
 use crate::csv_table::{CsvTable, TableError};
-use crate::text::{RowReader, open_rows, timestamp};
+use crate::text::{RowReader, open_rows};
 
 /// Description of a reference attitude in errors.
 pub const REFERENCE: &str = "a reference attitude, CSV or CCSDS AEM";
-
-/// Time between rows, s, that is none: times are rounded.
-const TOUCHING_S: f64 = 1e-6;
-/// Largest sigma, half a turn: an attitude that is less certain states nothing.
-const MAX_SIGMA_ARCSEC: f64 = 648_000.0;
 
 #[derive(Debug, Clone)]
 pub struct ReferenceAttitude {
@@ -44,17 +41,24 @@ pub struct ReferenceAttitude {
     pub celsius: [Vec<(f64, f64)>; 2],
     /// Time system of an attitude ephemeris, in which `start_ns` counts from 1970.
     pub time_system: Option<String>,
+    /// In order of time; empty without a column `trial` or `group`.
+    pub trials: Vec<Trial>,
 }
 
-/// The rows of one trial of a reference; the attitude and the times of trials are independent.
-#[derive(Debug, Clone)]
-pub struct ReferenceTrial {
-    /// Name in the column `trial` or `group`; empty without one.
+/// A trial of a recording: its attitude and the drifts of the gyros do not follow from those of another one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trial {
     pub name: String,
-    /// True for attitudes. Of rates and turns the turn over a gap is not known, and a sigma is that of the turn that ends at its row.
-    pub is_attitude: bool,
-    pub reference: ReferenceAttitude,
+    /// First and last row, s since the start of the reference.
+    pub from_s: f64,
+    pub to_s: f64,
+    /// What is added to its own times, ns: trials with times of their own follow one another.
+    pub moved_ns: i64,
 }
+
+/// Time between trials with times of their own, s, and time beside one for which its samples are used: twice the lag that is searched for.
+const BETWEEN_TRIALS_S: f64 = 10.0;
+const BESIDE_TRIALS_S: f64 = 4.0;
 
 /// The reference of a diagnosis.
 #[derive(Debug, Clone)]
@@ -70,27 +74,25 @@ enum Gaps {
     Refused,
     /// Gaps of attitudes, which state the turn over the gap.
     OfAttitudes,
-    All,
+    /// All, and further trials, which may have times of their own.
+    All {
+        has_own_times: bool,
+    },
 }
 
-/// A trial as it is read: rows with their lines, sigmas and starts, where there are any.
-#[derive(Default)]
-struct Trial {
-    name: String,
-    base_ns: Option<i64>,
-    attitude: Option<UnitQuaternion<f64>>,
-    rows: Vec<AttitudeRow>,
-    lines: Vec<u64>,
-    sigma_arcsec: Vec<[f64; 3]>,
-    celsius: [Vec<(f64, f64)>; 2],
-    starts_s: Vec<f64>,
+impl Trial {
+    /// What is added to a time of the trial, ns on the scale of its table; `None` if the reference that starts at `start_ns` is far from it.
+    pub fn moved_ns(&self, start_ns: i64, t_ns: i64) -> Option<i64> {
+        let since_s = (t_ns.saturating_add(self.moved_ns).saturating_sub(start_ns)) as f64 * 1e-9;
+        (self.from_s - BESIDE_TRIALS_S..=self.to_s + BESIDE_TRIALS_S).contains(&since_s).then_some(self.moved_ns)
+    }
 }
 
 impl ReferenceAttitude {
     /// A truth that begins at `start_ns`: the motion alone.
     pub fn of_truth(start_ns: i64, truth: impl Into<Arc<RecordedAttitude>>) -> ReferenceAttitude {
-        let (sigma_arcsec, celsius, time_system) = Default::default();
-        ReferenceAttitude { start_ns, truth: truth.into(), sigma_arcsec, celsius, time_system }
+        let (sigma_arcsec, celsius, time_system, trials) = Default::default();
+        ReferenceAttitude { start_ns, truth: truth.into(), sigma_arcsec, celsius, time_system, trials }
     }
 
     /// Moves the motion later by a lag.
@@ -113,15 +115,7 @@ impl ReferenceAttitude {
     /// [`TableError`], with the line.
     pub fn read_with_gaps(name: &str) -> Result<ReferenceAttitude, TableError> {
         let rows = open_rows(Path::new(name)).map_err(TableError::read(name, REFERENCE))?;
-        Ok(trials(name, rows, Gaps::OfAttitudes)?.swap_remove(0).reference)
-    }
-
-    /// Reads a file of any number of trials, with gaps.
-    ///
-    /// # Errors
-    /// [`TableError`], with the line.
-    pub fn read_trials(name: &str) -> Result<Vec<ReferenceTrial>, TableError> {
-        trials(name, open_rows(Path::new(name)).map_err(TableError::read(name, REFERENCE))?, Gaps::All)
+        attitude(name, rows, Gaps::OfAttitudes)
     }
 
     /// Reads a text; errors call it `name`.
@@ -137,7 +131,7 @@ impl ReferenceAttitude {
     /// # Errors
     /// [`TableError`], with the line.
     pub fn of_rows(name: &str, rows: RowReader<impl Read>) -> Result<ReferenceAttitude, TableError> {
-        Ok(trials(name, rows, Gaps::Refused)?.swap_remove(0).reference)
+        attitude(name, rows, Gaps::Refused)
     }
 
     /// The truth from rows with times since `base_ns`; the motion starts at the first.
@@ -158,8 +152,8 @@ impl ReferenceAttitude {
 }
 
 impl Reference {
-    /// Reads a file of which quaternions may leave gaps; of a described unit also magnitudes, in the windows of its description
-    /// or with times.
+    /// Reads a file of which quaternions may leave gaps; of a described unit all rows may, of any number of trials, and magnitudes are read too,
+    /// in the windows of its description or with times.
     ///
     /// # Errors
     /// [`TableError`], with the line.
@@ -182,8 +176,8 @@ impl Reference {
                 Err(table.without_columns(&format!("{windows}a time and a magnitude, rate_deg_s; or {COLUMNS}")))
             }
             _ => {
-                let trial = trials_of(name, table, Gaps::OfAttitudes)?.swap_remove(0);
-                Ok(Reference::Attitude(trial.reference))
+                let has_own_times = device.table.as_ref().is_some_and(|table| table.group.is_some());
+                TrialRows::read(name, table, Gaps::All { has_own_times }).map(Reference::Attitude)
             }
         }
     }
@@ -196,142 +190,12 @@ fn is_ephemeris(name: &str, rows: &mut RowReader<impl Read>) -> Result<bool, Tab
     Ok(first.is_some_and(|line| line.starts_with(aem::FIRST_KEYWORD)))
 }
 
-/// Reads the trials of a file, one or, with all gaps, several.
-fn trials(name: &str, mut rows: RowReader<impl Read>, gaps: Gaps) -> Result<Vec<ReferenceTrial>, TableError> {
-    if is_ephemeris(name, &mut rows)? {
-        let reference = aem::parse(name, rows.lines())?;
-        return Ok(vec![ReferenceTrial { name: String::new(), is_attitude: true, reference }]);
+/// Reads an attitude from rows or an ephemeris.
+fn attitude(name: &str, mut rows: RowReader<impl Read>, gaps: Gaps) -> Result<ReferenceAttitude, TableError> {
+    match is_ephemeris(name, &mut rows)? {
+        true => aem::parse(name, rows.lines()),
+        false => TrialRows::read(name, CsvTable::new(name, rows)?, gaps),
     }
-    trials_of(name, CsvTable::new(name, rows)?, gaps)
-}
-
-fn trials_of(name: &str, mut table: CsvTable<impl Read>, gaps: Gaps) -> Result<Vec<ReferenceTrial>, TableError> {
-    let columns = Columns::find(&table).and_then(|columns| match columns.kind {
-        MotionKind::Magnitude => Err(COLUMNS),
-        _ => Ok(columns),
-    });
-    let columns = columns.map_err(|expected| table.without_columns(expected))?;
-    if gaps != Gaps::All && columns.kind != MotionKind::Attitude && columns.sigma.is_some() {
-        return Err(table.without_columns(SIGMA_COLUMNS));
-    }
-    let mut trials: Vec<Trial> = Vec::new();
-    while table.read()? {
-        let own = columns.trial.map_or("", |trial| table.text(trial));
-        let place = trials.iter().rposition(|trial| trial.name == own).unwrap_or(trials.len());
-        if place == trials.len() {
-            if place > 0 && gaps != Gaps::All {
-                return Err(table.unexpected(columns.trial.unwrap_or(0), "a single trial"));
-            }
-            trials.push(Trial { name: own.to_owned(), ..Trial::default() });
-        }
-        trials[place].push(&columns, &table, gaps)?;
-    }
-    if trials.is_empty() {
-        trials.push(Trial::default());
-    }
-    trials.into_iter().map(|trial| trial.finish(name, &columns, gaps)).collect()
-}
-
-impl Trial {
-    /// Adds a row, unless it is a dropout.
-    fn push(&mut self, columns: &Columns, table: &CsvTable<impl Read>, gaps: Gaps) -> Result<(), TableError> {
-        let number = |column: usize| table.number(column);
-        // Seconds since the first row, so that no digit of a Unix time is lost.
-        let t_ns = time_ns(table, columns.time)?;
-        let base_ns = *self.base_ns.get_or_insert(t_ns);
-        let since_s = |t_ns: i64| t_ns.saturating_sub(base_ns) as f64 * 1e-9;
-        let (t_s, is_attitude) = (since_s(t_ns), columns.kind == MotionKind::Attitude);
-        if (is_attitude || gaps == Gaps::All) && columns.motion.iter().any(|&place| table.is_missing(place)) {
-            return Ok(());
-        }
-        let mut parts = [0.0; 4];
-        for (part, &place) in parts.iter_mut().zip(&columns.motion) {
-            *part = number(place)? * columns.size;
-        }
-        let [w, x, y, z] = parts;
-        for (celsius, &column) in self.celsius.iter_mut().zip(&columns.celsius) {
-            if let Some(column) = column.filter(|&column| !table.is_missing(column)) {
-                celsius.push((t_s, number(column)?));
-            }
-        }
-        let mut angle_control_arcsec = [w, x, y];
-        if is_attitude {
-            let now = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-6);
-            let now = now.ok_or_else(|| table.unexpected(columns.motion[0], "a unit quaternion"))?;
-            angle_control_arcsec = turn_arcsec(&self.attitude.replace(now).unwrap_or(now), &now);
-        }
-        let theta_psi_rad = match columns.theta_psi {
-            Some([theta, psi]) => Some((number(theta)? * RAD_PER_DEG, number(psi)? * RAD_PER_DEG)),
-            None => None,
-        };
-        if let Some(([x, y, z], size)) = columns.sigma {
-            let most = MAX_SIGMA_ARCSEC / size;
-            let sigma = |column: usize| match number(column)? {
-                sigma if (0.0..=most).contains(&sigma) => Ok(sigma * size),
-                _ => Err(table.unexpected(column, &format!("a sigma from 0 to {most}"))),
-            };
-            self.sigma_arcsec.push([sigma(x)?, sigma(y)?, sigma(z)?]);
-        }
-        if let Some(start) = columns.start {
-            let start_s = Some(since_s(time_ns(table, start)?)).filter(|start_s| *start_s < t_s);
-            self.starts_s.push(start_s.ok_or_else(|| table.unexpected(start.0, "a start before the end"))?);
-        }
-        self.rows.push(AttitudeRow { t_s, angle_control_arcsec, theta_psi_rad });
-        self.lines.push(table.line());
-        Ok(())
-    }
-
-    /// The trial with a point at the start of each row that does not begin where the row before ends, and the rows after gaps.
-    fn divided(self, is_rate: bool, gaps: Gaps) -> (Trial, Vec<usize>) {
-        let spacing_s = median_spacing_s(&self.rows).unwrap_or_default();
-        let (mut points, mut unknown) =
-            (Trial { name: self.name, base_ns: self.base_ns, celsius: self.celsius, ..Trial::default() }, vec![]);
-        for (number, (row, line)) in self.rows.into_iter().zip(self.lines).enumerate() {
-            let before_s = points.rows.last().map(|last| last.t_s);
-            // Without a start a row begins where the row before ends, after a gap at the median spacing.
-            let is_next = |before_s: &f64| gaps != Gaps::All || row.t_s - before_s <= GAP_SPACINGS * spacing_s;
-            let usual_s = before_s.filter(is_next).unwrap_or(row.t_s - spacing_s);
-            let start_s = self.starts_s.get(number).copied().unwrap_or(usual_s);
-            let sigma = self.sigma_arcsec.get(number).copied();
-            // A start before the end of the row before is refused with the times of the truth.
-            if before_s.is_none_or(|before_s| (start_s - before_s).abs() > TOUCHING_S) {
-                unknown.extend(before_s.map(|_| points.rows.len()));
-                points.rows.push(AttitudeRow { t_s: start_s, angle_control_arcsec: [0.0; 3], ..row });
-                points.lines.push(line);
-                points.sigma_arcsec.extend(sigma.map(|_| [0.0; 3]));
-            }
-            let factor = if is_rate { row.t_s - points.rows.last().map_or(start_s, |last| last.t_s) } else { 1.0 };
-            let angle_control_arcsec = row.angle_control_arcsec.map(|part| part * factor);
-            points.rows.push(AttitudeRow { angle_control_arcsec, ..row });
-            points.lines.push(line);
-            points.sigma_arcsec.extend(sigma.map(|sigma| sigma.map(|part| part * factor)));
-        }
-        (points, unknown)
-    }
-
-    /// The truth of the rows, in which dropouts are gaps.
-    fn finish(self, file: &str, columns: &Columns, gaps: Gaps) -> Result<ReferenceTrial, TableError> {
-        let is_attitude = columns.kind == MotionKind::Attitude;
-        let is_accepted = gaps == Gaps::All || is_attitude && gaps == Gaps::OfAttitudes;
-        let (own, unknown) =
-            if is_attitude { (self, vec![]) } else { self.divided(columns.kind == MotionKind::Rate, gaps) };
-        let truth = match columns.start.is_none() && unknown.is_empty() {
-            true => RecordedAttitude::with_gaps(&own.rows),
-            false => RecordedAttitude::with_known_gaps(&own.rows, unknown),
-        };
-        let truth = truth.and_then(|truth| if is_accepted { Ok(truth) } else { truth.without_gaps(&own.rows) });
-        let (start_s, mut celsius) = (truth.as_ref().map_or(0.0, RecordedAttitude::start_s), own.celsius);
-        celsius.iter_mut().flatten().for_each(|(t_s, _)| *t_s -= start_s);
-        let reference = ReferenceAttitude::from_turns(file, own.base_ns.unwrap_or(0), &own.lines, None, truth)?;
-        let reference = ReferenceAttitude { sigma_arcsec: own.sigma_arcsec, celsius, ..reference };
-        Ok(ReferenceTrial { name: own.name, is_attitude, reference })
-    }
-}
-
-/// The time in a column of this unit, ns.
-fn time_ns(table: &CsvTable<impl Read>, (column, unit_ns): (usize, i64)) -> Result<i64, TableError> {
-    let time = timestamp(table.text(column), unit_ns).map(|time| time.t_ns);
-    time.ok_or_else(|| table.unexpected(column, "a number"))
 }
 
 /// The turn, about the control axes and by the shorter way, from one attitude (control frame to inertial) to the next.

@@ -191,7 +191,7 @@ impl Monitor {
             BreakKind::Gap(_) | BreakKind::Interpolated(_) => "lost-samples",
             BreakKind::Jump | BreakKind::TimeJump => "jump",
             BreakKind::Reset => "restart",
-            BreakKind::Invalid | BreakKind::Outlier | BreakKind::Constant => "invalid-count",
+            BreakKind::Invalid | BreakKind::Outlier | BreakKind::Constant | BreakKind::Unknown => "invalid-count",
             BreakKind::Saturated => "saturated-count",
             BreakKind::SelfTest => "self-test",
         };

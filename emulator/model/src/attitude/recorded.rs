@@ -95,6 +95,8 @@ pub struct RecordedAttitude {
     departure_arcsec: Vec<[f64; 2]>,
     /// Rows after a gap.
     gaps: Vec<usize>,
+    /// Those of them before which the turn is not known either.
+    unknown: Vec<usize>,
 }
 
 impl RecordedAttitude {
@@ -159,20 +161,48 @@ impl RecordedAttitude {
         let departure_arcsec = departure(&t_s, &angle_control_arcsec, &theta_psi_rad);
         let gaps = gaps(rows);
         let (angle_control_arcsec, bend) = (Arc::new(angle_control_arcsec), Arc::new(bend));
-        Ok(RecordedAttitude { t_s, angle_control_arcsec, bend, theta_psi_rad, turn_psi_rad, departure_arcsec, gaps })
+        let unknown = Vec::new();
+        Ok(RecordedAttitude {
+            t_s,
+            angle_control_arcsec,
+            bend,
+            theta_psi_rad,
+            turn_psi_rad,
+            departure_arcsec,
+            gaps,
+            unknown,
+        })
     }
 
-    /// Reads rows, in rising order `gaps`, before which neither motion nor turn is known. The spline does not bend there, and at
+    /// Reads rows, in rising order `unknown`, before which neither motion nor turn is known: the angle stays there, and the rows between two
+    /// such gaps have a spline of their own. Attitudes have gaps between distant rows too. Of rates and turns the spline does not bend at
     /// rows without a turn, in which the unit rests.
     ///
     /// # Errors
     /// Rows that overlap or are too few.
-    pub fn with_known_gaps(rows: &[AttitudeRow], gaps: Vec<usize>) -> Result<RecordedAttitude, AttitudeRowsError> {
+    pub fn with_unknown_turns(
+        rows: &[AttitudeRow],
+        unknown: Vec<usize>,
+        is_attitude: bool,
+    ) -> Result<RecordedAttitude, AttitudeRowsError> {
         let mut read = RecordedAttitude::with_gaps(rows)?;
-        for row in (1..rows.len()).filter(|&row| rows[row].angle_control_arcsec == [0.0; 3]) {
-            Arc::make_mut(&mut read.bend).iter_mut().for_each(|bend| bend[row - 1..=row].fill(0.0));
+        let ends: Vec<usize> = [0].into_iter().chain(unknown.iter().copied()).chain([rows.len()]).collect();
+        for (bend, angles) in Arc::make_mut(&mut read.bend).iter_mut().zip(read.angle_control_arcsec.iter()) {
+            for own in ends.windows(2).map(|ends| ends[0]..ends[1]) {
+                match own.len() {
+                    0..3 => bend[own].fill(0.0),
+                    _ => bend[own.clone()].copy_from_slice(&second_derivatives(&read.t_s[own.clone()], &angles[own])),
+                }
+            }
+            for row in (1..rows.len()).filter(|&row| !is_attitude && rows[row].angle_control_arcsec == [0.0; 3]) {
+                bend[row - 1..=row].fill(0.0);
+            }
         }
-        Ok(RecordedAttitude { gaps, ..read })
+        let mut gaps = if is_attitude { read.gaps } else { Vec::new() };
+        gaps.extend(&unknown);
+        gaps.sort_unstable();
+        gaps.dedup();
+        Ok(RecordedAttitude { gaps, unknown, ..read })
     }
 
     /// The first row's time.
@@ -198,6 +228,11 @@ impl RecordedAttitude {
     /// Start and end of each gap between rows, s.
     pub fn gaps_s(&self) -> Vec<[f64; 2]> {
         self.gaps.iter().map(|&row| [self.t_s[row - 1], self.t_s[row]]).collect()
+    }
+
+    /// Start and end of each gap of which the turn is not known, s.
+    pub fn unknown_s(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
+        self.unknown.iter().map(|&row| [self.t_s[row - 1], self.t_s[row]])
     }
 
     /// False within a gap.
@@ -240,7 +275,9 @@ impl RecordedAttitude {
         let b = (inside - self.t_s[i]) / length_s;
         let a = 1.0 - b;
         let mut moment = MotionState { t_s, ..MotionState::default() };
-        let sixth = length_s * length_s / 6.0;
+        let is_unknown = !self.unknown.is_empty() && self.unknown.binary_search(&(i + 1)).is_ok();
+        let bent_s = if is_unknown { 0.0 } else { length_s };
+        let sixth = bent_s * bent_s / 6.0;
         let angle = std::array::from_fn(|axis| {
             let (y, m) = (&self.angle_control_arcsec[axis], &self.bend[axis]);
             a * y[i] + b * y[i + 1] + ((a * a * a - a) * m[i] + (b * b * b - b) * m[i + 1]) * sixth
@@ -249,7 +286,7 @@ impl RecordedAttitude {
             moment.rate_control_arcsec_s = std::array::from_fn(|axis| {
                 let (y, m) = (&self.angle_control_arcsec[axis], &self.bend[axis]);
                 (y[i + 1] - y[i]) / length_s
-                    + ((3.0 * b * b - 1.0) * m[i + 1] - (3.0 * a * a - 1.0) * m[i]) * length_s / 6.0
+                    + ((3.0 * b * b - 1.0) * m[i + 1] - (3.0 * a * a - 1.0) * m[i]) * bent_s / 6.0
             });
         }
         // Where θ is not known the package is taken at rest at 90°, where nothing turns it.

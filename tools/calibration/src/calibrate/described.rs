@@ -16,7 +16,8 @@ use crate::effects::EffectContribution;
 use crate::evaluation::{AttitudeSource, Evaluation, steps_of_reference};
 use crate::noise::{ROUNDING_VARIANCE, RandomWalks};
 use crate::observe::{CompensatedCounts, variance, with_reference};
-use crate::solve::{CalibrationParameter, Solution, SolveError, sensing_axes, solve_described};
+use crate::solve::{CalibrationParameter, Solution, SolveError, TrialsOfObservations, sensing_axes, solve_described};
+use crate::transfer::sensing_matrix;
 use crate::window::{ManoeuvreWindow, cut_evenly};
 
 /// Equations that are solved together, at most.
@@ -59,6 +60,7 @@ pub fn calibrate_described(
     let Evaluation { configuration, counts, prior, walks: configured, .. } =
         Evaluation::new(&configuration, counts, &attitude)?;
     let mut counts = counts.into_owned();
+    counts.leave_out_unknown(reference, &sensing_matrix(&configuration));
     let sizes = sizes(&configuration, &parameters, counts.is_received);
     let floored = |walk: &RandomWalks, angle: f64| RandomWalks {
         angle_arcsec_per_sqrt_s: walk.angle_arcsec_per_sqrt_s.max(angle),
@@ -80,8 +82,10 @@ pub fn calibrate_described(
             let why = format!("{name}: expected {MIN_PARTS} windows or more with usable counts, got {found}");
             return Err(CalibrateError::Unsolvable { source: SolveError::Undetermined(vec![why]), left_out });
         }
-        let mut solution = solve_described(&observations, &walks, (&prior, &about), parameters.clone(), &sizes)
-            .map_err(|source| CalibrateError::Unsolvable { source, left_out: left_out.clone() })?;
+        let trials = TrialsOfObservations::new(&observations, reference, counts.offset_s(reference), sizes[1]);
+        let mut solution =
+            solve_described(&observations, &walks, (&prior, &about), parameters.clone(), (&sizes, &trials))
+                .map_err(|source| CalibrateError::Unsolvable { source, left_out: left_out.clone() })?;
         let found = solution.timing.get_or_insert_default();
         let moved = [found[0].0, found[1].0];
         for (total, own) in timing.iter_mut().zip(found) {
@@ -168,15 +172,31 @@ fn noise(
             is_inside.then(|| truth.at(t_s, &mut near).0)
         })
         .collect();
+    // Of each node, 0 for the first.
+    let trial = |node_s: &f64| {
+        let trials = &reference.trials;
+        trials.partition_point(|own| own.from_s <= node_s + offset_s).saturating_sub(1)
+    };
+    let trials: Vec<usize> = counts.node_s.iter().map(trial).collect();
     let of_gyro = |gyro: usize| {
+        let drift = |trial: &usize| {
+            let beside = trial.checked_sub(1).and_then(|further| solution.trial_drifts.get(further));
+            solution.calibrations[gyro].drift_arcsec_per_half_s + beside.map_or(0.0, |own| own[gyro].0)
+        };
+        let drifted: Vec<f64> = trials
+            .iter()
+            .scan(0.0, |sum, trial| {
+                *sum += drift(trial) * (interval_s / SAMPLE_INTERVAL_S);
+                Some(*sum)
+            })
+            .collect();
         let calibration = &solution.calibrations[gyro];
         let mut is_broken = vec![false; turned.len()];
         for own in counts.breaks.iter().filter(|own| own.gyros[gyro]) {
             is_broken[own.from..=own.to.min(turned.len() - 1)].fill(true);
         }
         let residual = |node: usize| {
-            let drift = calibration.drift_arcsec_per_half_s * node as f64 * (interval_s / SAMPLE_INTERVAL_S);
-            let angle = measured.of_gyro(gyro, node) * calibration.scale_factor + drift;
+            let angle = measured.of_gyro(gyro, node) * calibration.scale_factor + drifted[node];
             Some(angle - dot(axes[gyro], turned[node]?)).filter(|_| !is_broken[node])
         };
         let residuals: Vec<Option<f64>> = (0..turned.len()).map(residual).collect();

@@ -5,9 +5,10 @@
 
 use geu_model::device::{Device, Output};
 use geu_protocol::Gyros;
+use geu_protocol::capture::Timestamp;
 use geu_protocol::continuity::MAX_MISSING;
 use geu_protocol::layout::Quantity;
-use geu_recording::{Defect, DeviceSample, Sink};
+use geu_recording::{Defect, DeviceSample, ReferenceAttitude, Sink, Trial};
 
 use super::head_reader::{HeadAngles, HeadReader, MISSING, slots};
 use super::reader::NodeReader;
@@ -68,7 +69,7 @@ pub struct DeviceRecording {
 pub struct RowsLeftOut {
     /// Rows at the time of an earlier row, or before it.
     pub repeated: u64,
-    /// Rows of other trials than the first.
+    /// Rows of trials that the reference does not state; without trials in it, of others than the first.
     pub of_other_trials: u64,
     /// Rows after more missing samples than a recording may have.
     pub after_gap: u64,
@@ -117,6 +118,10 @@ pub struct DeviceCountsReader {
     pending: Vec<(usize, Gyros, BreakKind)>,
     recent: Vec<Recent>,
     recording: Extras,
+    /// Trials of the reference, and its start, ns.
+    trials: (Vec<Trial>, i64),
+    /// Name of the trial of the last row.
+    trial: String,
 }
 
 /// Findings in the samples, beside their sum.
@@ -132,7 +137,8 @@ struct Extras {
 }
 
 impl DeviceCountsReader {
-    pub fn new(device: &Device) -> DeviceCountsReader {
+    /// Of a table with trials the rows of those of the reference are read, else those of the first one.
+    pub fn new(device: &Device, reference: &ReferenceAttitude) -> DeviceCountsReader {
         let gyros = device.all_gyros();
         let mut counts = AccumulatedCounts::of_unit(gyros, device.interval_s, 0);
         for (rounded_to, head) in counts.rounded_to.iter_mut().zip(&device.heads) {
@@ -153,6 +159,8 @@ impl DeviceCountsReader {
             pending: Vec::new(),
             recent: vec![Recent::NONE; gyros.heads()],
             recording: Extras { outliers: vec![0; gyros.heads()], ..Extras::default() },
+            trials: (reference.trials.clone(), reference.start_ns),
+            trial: String::new(),
         }
     }
 
@@ -304,6 +312,18 @@ impl DeviceCountsReader {
 
 impl Sink<DeviceSample> for DeviceCountsReader {
     fn row(&mut self, row: &DeviceSample) {
+        let (trials, start_ns) = &self.trials;
+        let end_ns = row.time.map_or(0, |time| time.t_ns);
+        let own = trials.iter().filter(|own| !row.group.is_empty() && own.name == row.group);
+        let moved = own.filter_map(|own| own.moved_ns(*start_ns, end_ns)).next().map(|moved_ns| {
+            let later = |time: Timestamp| Timestamp { t_ns: time.t_ns.saturating_add(moved_ns), ..time };
+            DeviceSample { time: row.time.map(later), start: row.start.map(later), group: String::new(), ..row.clone() }
+        });
+        let begins = moved.is_some() && self.trial != row.group;
+        if begins {
+            self.trial.clone_from(&row.group);
+        }
+        let row = moved.as_ref().unwrap_or(row);
         if self.heads.is_of_other_trial(row) {
             self.recording.left_out.of_other_trials += 1;
             return;
@@ -321,10 +341,14 @@ impl Sink<DeviceSample> for DeviceCountsReader {
                 self.recording.left_out.after_gap += 1;
                 return;
             }
-            self.recording.missing += missing;
-            let is_short = missing <= INTERPOLATED;
+            let is_short = missing <= INTERPOLATED && !begins;
+            self.recording.missing += if begins { 0 } else { missing };
             self.recording.interpolated += if is_short { missing } else { 0 };
-            let kind = if is_short { BreakKind::Interpolated(missing) } else { BreakKind::Gap(missing) };
+            let kind = match (is_short, begins) {
+                (true, _) => BreakKind::Interpolated(missing),
+                (false, true) => BreakKind::Unknown,
+                (false, false) => BreakKind::Gap(missing),
+            };
             // The mean of the samples before and after; of a head without one, that of the other.
             let between = |(recent, &after): (&Recent, &f64)| {
                 let before = if recent.values[0].is_nan() { after } else { recent.values[0] };

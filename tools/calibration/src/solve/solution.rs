@@ -40,6 +40,8 @@ pub struct Solution {
     /// Leverage of each manoeuvre: the trace of its block of the projection, at most its number of equations.
     pub leverage: Vec<f64>,
     pub residuals: Vec<Residual>,
+    /// Drift of each gyro in each further trial beside that in the first one, arcsec/0.5 s, with its sigma.
+    pub trial_drifts: Vec<Vec<(f64, f64)>>,
 }
 
 impl Solution {

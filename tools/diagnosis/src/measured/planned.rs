@@ -10,6 +10,7 @@ use geu_model::units::ORBIT_S;
 use super::model_cache::ModelCache;
 use super::series::{ModelRun, TIMING};
 use super::{BLOCK, Block, MeasuredData};
+use crate::trial_drifts::TrialDrifts;
 
 /// A motion that has not been recorded.
 #[derive(Debug, Clone)]
@@ -48,7 +49,9 @@ impl MeasuredData {
         let of_channel = |channel: usize| {
             let is_good = self.is_usable(channel);
             let count = if self.blocks[channel].is_empty() { 0 } else { samples / BLOCK };
-            (0..count).map(|number| Block { is_good, is_compared: is_good, restarts: number == 0 }).collect()
+            (0..count)
+                .map(|number| Block { is_good, is_compared: is_good, restarts: number == 0, begins_trial: false })
+                .collect()
         };
         MeasuredData {
             counts,
@@ -63,6 +66,7 @@ impl MeasuredData {
             late: vec![0.0; samples + 1],
             lag_s: self.lag_s,
             clock_ppm: self.clock_ppm,
+            trial_drifts: TrialDrifts::default(),
             start_s: self.start_s + self.duration_s(),
         }
     }

@@ -65,6 +65,8 @@ struct Row {
     /// Stated sigma about control axes, with the rounding of the counts; 1 if none is stated.
     sigma: Vector3<f64>,
     is_used: bool,
+    /// True if the turn since the row before is not known.
+    begins: bool,
 }
 
 impl Row {
@@ -108,7 +110,7 @@ impl SmoothedReference {
         let stated = is_stated.then(|| ReferenceSigma::new(sigma_arcsec, scale));
         let mut spacings: Vec<f64> = rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
         let spacing_s = median(&mut spacings);
-        let has_gaps = !reference.gaps_s().is_empty();
+        let has_gaps = reference.gaps_s().len() > reference.unknown_s().count();
         let is_quiet = if is_coarse { largest < EXACT_ARCSEC } else { !is_white(&rows, block_s / spacing_s) };
         let is_exact = is_quiet && spacing_s <= MAX_SPACING * counts.interval_s && !has_gaps;
         if is_exact || rows.len() <= 2 * REACH_ROWS {
@@ -170,6 +172,7 @@ fn rows(
     let gyros = recorded(&counts.node_s, turned, reference)?;
     let (first_s, last_s) = (gyros.start_s(), gyros.end_s());
     let (mut near, mut before) = (0, None);
+    let mut unknown_s = reference.unknown_s().map(|gap| gap[1]).peekable();
     let within = reference.rows().enumerate().filter(|(_, (t_s, _))| (first_s..=last_s).contains(t_s));
     let row = |(number, (t_s, angle)): (usize, (f64, [f64; 3]))| {
         let sigma = sigma_arcsec.get(number).map_or(Vector3::repeat(1.0), |own| with_rounding((*own).into()));
@@ -186,7 +189,9 @@ fn rows(
         before = Some((angle, attitude, absolute));
         let [beyond_arcsec, relative_arcsec] =
             [beyond, absolute * attitude.inverse()].map(|turn| turn.scaled_axis() * ARCSEC_PER_RAD);
-        Row { t_s, attitude, beyond_arcsec, relative_arcsec, smooth_arcsec: Vector3::zeros(), sigma, is_used: true }
+        let smooth_arcsec = Vector3::zeros();
+        let begins = unknown_s.next_if(|end_s| *end_s <= t_s).is_some();
+        Row { t_s, attitude, beyond_arcsec, relative_arcsec, smooth_arcsec, sigma, is_used: true, begins }
     };
     Some(within.map(row).collect())
 }
@@ -318,14 +323,16 @@ fn is_white(rows: &[Row], rows_per_block: f64) -> bool {
 }
 
 /// Smooths the relative attitude by straight lines through the neighbours of each row; the reach of the lines follows from the noise of a
-/// row, or is the shortest one.
+/// row, or is the shortest one. A line does not reach over a gap of which the turn is not known.
 fn smooth(rows: &mut [Row], sigma_arcsec: Option<Vector3<f64>>, (block_s, reaches): (f64, &'static [f64])) {
-    let used = rows.iter().filter(|row| row.is_used);
-    let points =
-        used.map(|row| Point { t_s: row.t_s, value: row.relative_arcsec, weight: 3.0 / row.sigma.norm_squared() });
-    let sums = LineSums::new(points, block_s, reaches);
-    for row in rows {
-        row.smooth_arcsec = sums.smooth(row.t_s, sigma_arcsec);
+    for part in rows.chunk_by_mut(|_, next| !next.begins) {
+        let used = part.iter().filter(|row| row.is_used);
+        let points =
+            used.map(|row| Point { t_s: row.t_s, value: row.relative_arcsec, weight: 3.0 / row.sigma.norm_squared() });
+        let sums = LineSums::new(points, block_s, reaches);
+        for row in part {
+            row.smooth_arcsec = sums.smooth(row.t_s, sigma_arcsec);
+        }
     }
 }
 
@@ -376,6 +383,7 @@ mod tests {
             beyond_arcsec: Vector3::zeros(),
             smooth_arcsec: Vector3::zeros(),
             is_used: true,
+            begins: false,
         };
         let mut rows: Vec<Row> = (0..25).map(row).collect();
         smooth(&mut rows, None, (5.0, REACHES));

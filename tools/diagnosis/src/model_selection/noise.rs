@@ -141,6 +141,18 @@ fn unstated(case: &DiagnosisCase, gyros: &Gyros) -> impl Iterator<Item = usize> 
     gyros.gyros().map(|gyro| gyro.index()).filter(|gyro| !noise::is_declared(case.nominal, *gyro))
 }
 
+/// Largest flicker of a gyro with this angle random walk, per hour.
+fn largest_flicker(noise: &NoiseModel) -> f64 {
+    noise.angle_walk * S_PER_H / (FLICKER_FLOOR * EARLIEST_MINIMUM_S.sqrt())
+}
+
+/// Averaging time at which the Allan deviation is smallest, s, if a walk of the drift makes it earlier than that of any gyro.
+pub fn early_minimum_s(noise: &NoiseModel) -> Option<f64> {
+    let of_walk = 3f64.sqrt() * noise.angle_walk / noise.rate_walk;
+    let of_flicker = EARLIEST_MINIMUM_S * (largest_flicker(noise) / noise.flicker).powi(2);
+    Some(of_walk.min(of_flicker)).filter(|minimum_s| *minimum_s < EARLIEST_MINIMUM_S)
+}
+
 /// The likeliest of a few flickers of a gyro of which the configuration states no noise, and the reduction of χ²; at most 0 for none.
 fn unstated_flicker(
     case: &DiagnosisCase,
@@ -148,7 +160,7 @@ fn unstated_flicker(
     channel: usize,
     (residual, nuisances): &(Series, Vec<Nuisance>),
 ) -> (NoiseModel, f64) {
-    let largest = noise.angle_walk * S_PER_H / (FLICKER_FLOOR * EARLIEST_MINIMUM_S.sqrt());
+    let largest = largest_flicker(noise);
     let fitted =
         |flicker: f64| noise::fit_white(case, channel, &noise.with(Walk::Flicker, flicker), residual, nuisances);
     let blocks = Cow::Borrowed(&case.measured.blocks[channel][..]);

@@ -12,6 +12,8 @@ const MEAN: f64 = (BLOCK as f64 + 1.0) / (2.0 * BLOCK as f64);
 const VARIANCE: f64 = (BLOCK as f64 + 1.0) * (2.0 * BLOCK as f64 + 1.0) / (6.0 * BLOCK as f64 * BLOCK as f64);
 /// Processes of a flicker that change within a recording and last longer than a block.
 pub const SLOW: usize = CORRELATION_TIMES_S.len() - 2;
+/// Variance of a free drift's turn over a block, as a multiple of that of the block's noise: half of the digits of a number.
+const FREE: f64 = 1e8;
 /// Rates of the filter: a random walk, and those processes.
 const RATES: usize = 1 + SLOW;
 
@@ -162,6 +164,11 @@ impl Covariance {
             self.rr[rate][rate] += grown;
         }
         Average { with, variance }
+    }
+
+    /// Another drift, of which nothing is known beside a block with noise of this variance.
+    pub fn free_drift(&mut self, noise: f64) {
+        self.rr[0][0] += FREE * noise / self.block_s.powi(2);
     }
 
     /// Takes the average of the block as the angle: that at the end is the average and what came after its mean time.

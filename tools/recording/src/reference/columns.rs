@@ -4,7 +4,8 @@ use std::io::Read;
 
 use geu_model::units::{ANGLE_UNITS, NamedUnits, RATE_UNITS, TIME_UNITS};
 
-use crate::csv_table::CsvTable;
+use crate::csv_table::{CsvTable, TableError};
+use crate::text::timestamp;
 
 pub const COLUMNS: &str = "t_s (or time_, timestamp_; _ms, _us, _ns) or start_s and end_s; and either rates rate_x_deg_s, rate_y_deg_s, rate_z_deg_s \
     (or wx_, w_x_, omega_x_; _rad_s, _mrad_s, _arcsec_s, _deg_h); or between start and end turns angle_x_deg, angle_y_deg, angle_z_deg (or _rad, \
@@ -101,4 +102,10 @@ fn find<const N: usize>(
         let places = parts.map(|part| at(&format!("{stem}{part}{}", unit.replace('/', "_"))));
         places.iter().all(Option::is_some).then(|| (places.map(Option::unwrap_or_default), *size))
     })
+}
+
+/// The time in a column of this unit, ns.
+pub fn time_ns(table: &CsvTable<impl Read>, (column, unit_ns): (usize, i64)) -> Result<i64, TableError> {
+    let time = timestamp(table.text(column), unit_ns).map(|time| time.t_ns);
+    time.ok_or_else(|| table.unexpected(column, "a number"))
 }

@@ -6,8 +6,7 @@ use std::io::Read;
 use geu_model::attitude::GAP_SPACINGS;
 use geu_model::device::ReferenceTable;
 
-use super::columns::{Columns, MotionKind};
-use super::time_ns;
+use super::columns::{Columns, MotionKind, time_ns};
 use crate::csv_table::{CsvTable, TableError};
 
 /// Largest rate.

@@ -84,13 +84,13 @@ fn errors_name_their_line() {
     }
 }
 
-fn read(text: &str) -> Result<Vec<ReferenceTrial>, TableError> {
-    trials("f.csv", RowReader::new(text.as_bytes()), Gaps::All)
+fn read(text: &str) -> Result<ReferenceAttitude, TableError> {
+    attitude("f.csv", RowReader::new(text.as_bytes()), Gaps::All { has_own_times: true })
 }
 
-/// Accumulated angle about Z at a time of the first trial, deg.
-fn z_deg(trials: &[ReferenceTrial], t_s: f64) -> f64 {
-    trials[0].reference.truth.at(t_s, &mut 0).0[2] / 3600.0
+/// Accumulated angle about Z, deg.
+fn z_deg(reference: &ReferenceAttitude, t_s: f64) -> f64 {
+    reference.truth.at(t_s, &mut 0).0[2] / 3600.0
 }
 
 #[test]
@@ -122,9 +122,9 @@ fn columns_of_any_name_order_unit_and_delimiter_state_the_same_turn() {
         format!("end_s;start_ms;angle_x_deg;angle_y_deg;angle_z_deg\n{rows}"),
     ] {
         let read = read(&text).unwrap_or_else(|error| panic!("{error}\n{text}"));
-        assert_eq!((read.len(), read[0].reference.start_ns), (1, 0), "{text}");
+        assert_eq!((read.trials.len(), read.start_ns), (0, 0), "{text}");
         assert!((z_deg(&read, 7.25) - 7.25).abs() < 1e-9, "{}\n{text}", z_deg(&read, 7.25));
-        assert_eq!(read[0].reference.truth.gaps_s(), Vec::<[f64; 2]>::new());
+        assert_eq!(read.truth.gaps_s(), Vec::<[f64; 2]>::new());
     }
 }
 
@@ -134,8 +134,7 @@ fn known_turns_rest_and_gaps_are_as_stated() {
     // A minute of rest, a turn, rest, an unknown motion of 2 s, a turn, rest.
     let rows = "0,60,0,0,0,0.001\n60,65,0,0,90,0.01\n65,70,0,0,0,0\n72,77,0,0,-45,0.01\n77,80,0,0,0,0\n";
     let turns = read(&format!("{header}\n{rows}")).expect("turns");
-    let truth = &turns[0].reference.truth;
-    assert!(!turns[0].is_attitude);
+    let truth = &turns.truth;
     for (t_s, deg) in
         [(0.0, 0.0), (31.4, 0.0), (60.0, 0.0), (65.0, 90.0), (67.3, 90.0), (72.0, 90.0), (77.0, 45.0), (79.0, 45.0)]
     {
@@ -146,14 +145,12 @@ fn known_turns_rest_and_gaps_are_as_stated() {
         [69.9, 70.0, 70.1, 71.9, 72.0, 90.0].map(|t_s| truth.is_known(t_s)),
         [true, true, false, false, true, true]
     );
-    let sigma: Vec<f64> = turns[0].reference.sigma_arcsec.iter().map(|axes| axes[2]).collect();
-    assert_eq!(sigma, [0.0, 3.6, 36.0, 0.0, 0.0, 36.0, 0.0]);
     // The same as rates, each with its own sigma.
     let rates =
         header.replace("angle_x_deg,angle_y_deg,angle_z_deg,sigma_deg", "wx_deg_s,wy_deg_s,wz_deg_s,sigma_deg_h");
     let rates = read(&format!("{rates}\n{}", rows.replace("90,", "18,").replace("-45,", "-9,"))).expect("rates");
     assert_eq!(z_deg(&rates, 65.0), 90.0);
-    assert!((rates[0].reference.sigma_arcsec[2][0] - 0.05).abs() < 1e-12);
+    assert_eq!(rates.truth.unknown_s().collect::<Vec<_>>(), [[70.0, 72.0]]);
     let parse = |header: &str| ReferenceAttitude::parse("f.csv", &format!("{header}\n{rows}"));
     assert!(parse(header).expect_err("sigmas").to_string().contains("rates state none"));
     let refused = parse(&header.replace("sigma", "note")).expect_err("gaps").to_string();
@@ -164,26 +161,32 @@ fn known_turns_rest_and_gaps_are_as_stated() {
 }
 
 #[test]
-fn dropouts_are_gaps_and_trials_are_separate() {
+fn dropouts_are_gaps_and_trials_follow_one_another() {
     let quaternion = |t: i32| match t {
         4 => "4,,,,\n".to_owned(),
         5 => "5,nan,NaN,0,0\n".to_owned(),
         _ => format!("{t},1,0,0,0\n"),
     };
     let text = format!("t_s,q_w,q_x,q_y,q_z\n{}", (0..=10).map(quaternion).collect::<String>());
-    assert_eq!(read(&text).expect("attitudes")[0].reference.truth.gaps_s(), [[3.0, 6.0]]);
+    assert_eq!(read(&text).expect("attitudes").truth.gaps_s(), [[3.0, 6.0]]);
     let refused = ReferenceAttitude::parse("f.csv", &text).expect_err("a gap").to_string();
     assert!(refused.contains("line 8: expected rows every 1 s or so, got a gap of 3 s"), "{refused}");
     let rate = |t: i32| if t == 5 { "5,,,\n".to_owned() } else { format!("{t},0,0,2\n") };
     let rows: String = (1..=10).map(rate).collect();
     let rates = read(&format!("t_s,rate_x_deg_s,rate_y_deg_s,rate_z_deg_s\n{rows}")).expect("rates");
-    assert_eq!(rates[0].reference.truth.gaps_s(), [[4.0, 5.0]]);
+    assert_eq!(rates.truth.gaps_s(), [[4.0, 5.0]]);
     assert!((z_deg(&rates, 4.0) - 8.0).abs() < 1e-9 && (z_deg(&rates, 10.0) - 18.0).abs() < 1e-9);
     let rows: String = (1..=8).map(|t| format!("{t},0,0,1,{}\n{t},0,0,2,b\n", if t > 0 { "a" } else { "" })).collect();
     let text = format!("t_s,rate_x_deg_s,rate_y_deg_s,rate_z_deg_s,trial\n{rows}");
     let both = read(&text).expect("trials");
-    assert_eq!(both.iter().map(|trial| trial.name.as_str()).collect::<Vec<_>>(), ["a", "b"]);
-    assert!((z_deg(&both[1..], 8.0) - 16.0).abs() < 1e-9);
+    // The second follows after ten seconds in which nothing turns: its own 0 s is 18 s.
+    let trial =
+        |name: &str, from_s: f64, moved_ns: i64| Trial { name: name.to_owned(), from_s, to_s: from_s + 8.0, moved_ns };
+    assert_eq!(both.trials, [trial("a", 0.0, 0), trial("b", 18.0, 18_000_000_000)]);
+    assert_eq!(both.truth.unknown_s().collect::<Vec<_>>(), [[8.0, 18.0]]);
+    for (t_s, deg) in [(7.5, 7.5), (8.0, 8.0), (12.3, 8.0), (18.0, 8.0), (18.5, 9.0), (26.0, 24.0)] {
+        assert!((z_deg(&both, t_s) - deg).abs() < 1e-9, "{t_s}: {}", z_deg(&both, t_s));
+    }
     let refused = ReferenceAttitude::parse("f.csv", &text).expect_err("trials").to_string();
     assert_eq!(refused, "f.csv: line 3: trial: expected a single trial, got \"b\"");
 }

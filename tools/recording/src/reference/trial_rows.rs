@@ -1,0 +1,204 @@
+//! Rows of the trials of a reference, which become one truth.
+
+use std::io::Read;
+
+use geu_model::attitude::{AttitudeRow, GAP_SPACINGS, RecordedAttitude, median_spacing_s};
+use geu_model::units::RAD_PER_DEG;
+use nalgebra::{Quaternion, UnitQuaternion};
+
+use super::columns::{COLUMNS, Columns, MotionKind, SIGMA_COLUMNS, time_ns};
+use super::{BETWEEN_TRIALS_S, Gaps, ReferenceAttitude, Trial, turn_arcsec};
+use crate::csv_table::{CsvTable, TableError};
+
+/// Time between rows, s, that is none: times are rounded.
+const TOUCHING_S: f64 = 1e-6;
+/// Largest sigma, half a turn: an attitude that is less certain states nothing.
+const MAX_SIGMA_ARCSEC: f64 = 648_000.0;
+
+/// Each trial has drifts of its own.
+const MAX_TRIALS: usize = 1000;
+
+/// A trial as it is read: rows with their lines, sigmas and starts, where there are any.
+#[derive(Default)]
+pub struct TrialRows {
+    name: String,
+    base_ns: Option<i64>,
+    attitude: Option<UnitQuaternion<f64>>,
+    rows: Vec<AttitudeRow>,
+    lines: Vec<u64>,
+    sigma_arcsec: Vec<[f64; 3]>,
+    celsius: [Vec<(f64, f64)>; 2],
+    starts_s: Vec<f64>,
+    /// Rows before which the turn is not known.
+    unknown: Vec<usize>,
+}
+
+impl TrialRows {
+    /// Reads the trials of a table as one truth.
+    ///
+    /// # Errors
+    /// [`TableError`], with the line.
+    pub fn read(name: &str, mut table: CsvTable<impl Read>, gaps: Gaps) -> Result<ReferenceAttitude, TableError> {
+        let columns = Columns::find(&table).and_then(|columns| match columns.kind {
+            MotionKind::Magnitude => Err(COLUMNS),
+            _ => Ok(columns),
+        });
+        let columns = columns.map_err(|expected| table.without_columns(expected))?;
+        let is_single = !matches!(gaps, Gaps::All { .. });
+        if is_single && columns.kind != MotionKind::Attitude && columns.sigma.is_some() {
+            return Err(table.without_columns(SIGMA_COLUMNS));
+        }
+        let mut trials: Vec<TrialRows> = Vec::new();
+        while table.read()? {
+            let own = columns.trial.map_or("", |trial| table.text(trial));
+            let place = trials.iter().rposition(|trial| trial.name == own).unwrap_or(trials.len());
+            if place == trials.len() {
+                if place > 0 && is_single {
+                    return Err(table.unexpected(columns.trial.unwrap_or(0), "a single trial"));
+                }
+                if place == MAX_TRIALS {
+                    return Err(table.unexpected(columns.trial.unwrap_or(0), &format!("at most {MAX_TRIALS} trials")));
+                }
+                trials.push(TrialRows { name: own.to_owned(), ..TrialRows::default() });
+            }
+            trials[place].push(&columns, &table, !is_single)?;
+        }
+        TrialRows::finish(trials, name, &columns, gaps)
+    }
+
+    /// Adds a row, unless it is a dropout, which `skips` allows of rates too.
+    fn push(&mut self, columns: &Columns, table: &CsvTable<impl Read>, skips: bool) -> Result<(), TableError> {
+        let number = |column: usize| table.number(column);
+        // Seconds since the first row, so that no digit of a Unix time is lost.
+        let t_ns = time_ns(table, columns.time)?;
+        let base_ns = *self.base_ns.get_or_insert(t_ns);
+        let since_s = |t_ns: i64| t_ns.saturating_sub(base_ns) as f64 * 1e-9;
+        let (t_s, is_attitude) = (since_s(t_ns), columns.kind == MotionKind::Attitude);
+        if (is_attitude || skips) && columns.motion.iter().any(|&place| table.is_missing(place)) {
+            return Ok(());
+        }
+        let mut parts = [0.0; 4];
+        for (part, &place) in parts.iter_mut().zip(&columns.motion) {
+            *part = number(place)? * columns.size;
+        }
+        let [w, x, y, z] = parts;
+        for (celsius, &column) in self.celsius.iter_mut().zip(&columns.celsius) {
+            if let Some(column) = column.filter(|&column| !table.is_missing(column)) {
+                celsius.push((t_s, number(column)?));
+            }
+        }
+        let mut angle_control_arcsec = [w, x, y];
+        if is_attitude {
+            let now = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-6);
+            let now = now.ok_or_else(|| table.unexpected(columns.motion[0], "a unit quaternion"))?;
+            angle_control_arcsec = turn_arcsec(&self.attitude.replace(now).unwrap_or(now), &now);
+        }
+        let theta_psi_rad = match columns.theta_psi {
+            Some([theta, psi]) => Some((number(theta)? * RAD_PER_DEG, number(psi)? * RAD_PER_DEG)),
+            None => None,
+        };
+        if let Some(([x, y, z], size)) = columns.sigma {
+            let most = MAX_SIGMA_ARCSEC / size;
+            let sigma = |column: usize| match number(column)? {
+                sigma if (0.0..=most).contains(&sigma) => Ok(sigma * size),
+                _ => Err(table.unexpected(column, &format!("a sigma from 0 to {most}"))),
+            };
+            self.sigma_arcsec.push([sigma(x)?, sigma(y)?, sigma(z)?]);
+        }
+        if let Some(start) = columns.start {
+            let start_s = Some(since_s(time_ns(table, start)?)).filter(|start_s| *start_s < t_s);
+            self.starts_s.push(start_s.ok_or_else(|| table.unexpected(start.0, "a start before the end"))?);
+        }
+        self.rows.push(AttitudeRow { t_s, angle_control_arcsec, theta_psi_rad });
+        self.lines.push(table.line());
+        Ok(())
+    }
+
+    /// The trial with a point at the start of each row that does not begin where the row before ends.
+    fn divided(self, is_rate: bool, allows_gaps: bool) -> TrialRows {
+        let spacing_s = median_spacing_s(&self.rows).unwrap_or_default();
+        let mut points =
+            TrialRows { name: self.name, base_ns: self.base_ns, celsius: self.celsius, ..TrialRows::default() };
+        for (number, (row, line)) in self.rows.into_iter().zip(self.lines).enumerate() {
+            let before_s = points.rows.last().map(|last| last.t_s);
+            // Without a start a row begins where the row before ends, after a gap at the median spacing.
+            let is_next = |before_s: &f64| !allows_gaps || row.t_s - before_s <= GAP_SPACINGS * spacing_s;
+            let usual_s = before_s.filter(is_next).unwrap_or(row.t_s - spacing_s);
+            let start_s = self.starts_s.get(number).copied().unwrap_or(usual_s);
+            // A start before the end of the row before is refused with the times of the truth.
+            if before_s.is_none_or(|before_s| (start_s - before_s).abs() > TOUCHING_S) {
+                points.unknown.extend(before_s.map(|_| points.rows.len()));
+                points.rows.push(AttitudeRow { t_s: start_s, angle_control_arcsec: [0.0; 3], ..row });
+                points.lines.push(line);
+            }
+            let factor = if is_rate { row.t_s - points.rows.last().map_or(start_s, |last| last.t_s) } else { 1.0 };
+            let angle_control_arcsec = row.angle_control_arcsec.map(|part| part * factor);
+            points.rows.push(AttitudeRow { angle_control_arcsec, ..row });
+            points.lines.push(line);
+        }
+        points
+    }
+
+    /// The truth of the trials, one after the other.
+    fn finish(
+        trials: Vec<TrialRows>,
+        file: &str,
+        columns: &Columns,
+        gaps: Gaps,
+    ) -> Result<ReferenceAttitude, TableError> {
+        let is_attitude = columns.kind == MotionKind::Attitude;
+        let (allows_all, has_own_times) = match gaps {
+            Gaps::All { has_own_times } => (true, has_own_times),
+            Gaps::Refused | Gaps::OfAttitudes => (false, false),
+        };
+        let points = |own: TrialRows| match is_attitude {
+            true => own,
+            false => own.divided(columns.kind == MotionKind::Rate, allows_all),
+        };
+        let (all, mut trials) = TrialRows::joined(trials.into_iter().map(points).collect(), has_own_times);
+        let truth = match all.unknown.is_empty() && (is_attitude || columns.start.is_none()) {
+            true => RecordedAttitude::with_gaps(&all.rows),
+            false => RecordedAttitude::with_unknown_turns(&all.rows, all.unknown, is_attitude),
+        };
+        let is_accepted = allows_all || is_attitude && gaps == Gaps::OfAttitudes;
+        let truth = truth.and_then(|truth| if is_accepted { Ok(truth) } else { truth.without_gaps(&all.rows) });
+        let start_s = truth.as_ref().map_or(0.0, RecordedAttitude::start_s);
+        let mut celsius = all.celsius;
+        celsius.iter_mut().flatten().for_each(|(t_s, _)| *t_s -= start_s);
+        trials.iter_mut().for_each(|own| (own.from_s, own.to_s) = (own.from_s - start_s, own.to_s - start_s));
+        trials.retain(|_| columns.trial.is_some());
+        let reference = ReferenceAttitude::from_turns(file, all.base_ns.unwrap_or(0), &all.lines, None, truth)?;
+        Ok(ReferenceAttitude { sigma_arcsec: all.sigma_arcsec, celsius, trials, ..reference })
+    }
+
+    /// The rows of all trials, of which each begins at an unknown attitude. Trials with times of their own follow one another.
+    fn joined(mut trials: Vec<TrialRows>, has_own_times: bool) -> (TrialRows, Vec<Trial>) {
+        trials.retain(|own| !own.rows.is_empty());
+        let start_ns = |own: &TrialRows| own.base_ns.unwrap_or(0).saturating_add((own.rows[0].t_s * 1e9) as i64);
+        if !has_own_times {
+            trials.sort_by_key(start_ns);
+        }
+        let (mut all, mut places) = (TrialRows::default(), Vec::new());
+        for mut own in trials {
+            let all_ns = *all.base_ns.get_or_insert(own.base_ns.unwrap_or(0));
+            let next_ns =
+                all.rows.last().map(|last| all_ns.saturating_add(((last.t_s + BETWEEN_TRIALS_S) * 1e9) as i64));
+            let moved_ns =
+                next_ns.filter(|_| has_own_times).map_or(0, |next_ns| next_ns.saturating_sub(start_ns(&own)));
+            let since_ns = own.base_ns.unwrap_or(0).saturating_add(moved_ns).saturating_sub(all_ns);
+            let later_s = since_ns as f64 * 1e-9;
+            own.rows.iter_mut().for_each(|row| row.t_s += later_s);
+            own.celsius.iter_mut().flatten().for_each(|(t_s, _)| *t_s += later_s);
+            let [from_s, to_s] = [own.rows[0].t_s, own.rows[own.rows.len() - 1].t_s];
+            places.push(Trial { name: own.name, from_s, to_s, moved_ns });
+            let before = all.rows.len();
+            all.unknown
+                .extend((before > 0).then_some(before).into_iter().chain(own.unknown.iter().map(|row| row + before)));
+            all.rows.append(&mut own.rows);
+            all.lines.append(&mut own.lines);
+            all.sigma_arcsec.append(&mut own.sigma_arcsec);
+            all.celsius.iter_mut().zip(&mut own.celsius).for_each(|(all, own)| all.append(own));
+        }
+        (all, places)
+    }
+}
