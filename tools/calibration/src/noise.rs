@@ -79,6 +79,8 @@ pub enum ErrorSource {
     Rounding { gyro: usize, node: usize },
     /// The reference attitude about an axis at an instant, in µs.
     Reference { axis: usize, at_us: i64 },
+    /// The turn of a row of the reference about an axis.
+    Turn { axis: usize, row: usize },
     /// A star crossing a slit at an instant, in µs: its random error of ψ (0) or θ (1).
     SlitCrossing {
         at_us: i64,

@@ -160,6 +160,16 @@ pub fn with_reference(
             measured.observe(window, [&counts.at_node(from), &counts.at_node(to)], nodes_s, left_out)?;
         observation.rotation_control_arcsec = std::array::from_fn(|axis| after[axis] - before[axis]);
         observation.timing_control_arcsec = timing(reference, [from, to].map(|node| counts.node_s[node]), offset_s);
+        // The error of a row that ends in the window.
+        let rows = truth.rows().map(|row| row.0).zip(&reference.turn_sigma_arcsec).enumerate();
+        for (row, (_, sigmas)) in rows.filter(|(_, (t_s, _))| *t_s > ends_s[0] && *t_s <= ends_s[1]) {
+            for (axis, sigma_arcsec) in sigmas.iter().enumerate().filter(|(_, sigma)| **sigma > 0.0) {
+                let mut rotation = [0.0; 3];
+                rotation[axis] = 1.0;
+                let source = ErrorSource::Turn { axis, row };
+                observation.disturbances.push(ErrorTerm::of_rotation(source, sigma_arcsec * sigma_arcsec, rotation));
+            }
+        }
         for (axis, sigma_arcsec) in sigma_arcsec.into_iter().enumerate().filter(|(_, sigma)| *sigma > 0.0) {
             for (t_s, sign) in ends_s.into_iter().zip([-1.0, 1.0]) {
                 let mut rotation = [0.0; 3];

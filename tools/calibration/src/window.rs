@@ -125,6 +125,19 @@ pub(crate) const SHORTEST_NODES: usize = 4;
 const MOVED: f64 = 0.5;
 const GOLDEN: f64 = 0.618_033_988_749_895;
 
+/// Cuts a recording at instants, in order of time, into at most `most` windows.
+pub(crate) fn cut_at(counts: &AccumulatedCounts, ends_s: &[f64], most: usize) -> Vec<ManoeuvreWindow> {
+    let mut nodes: Vec<usize> = ends_s.iter().filter_map(|t_s| counts.nearest(*t_s)).collect();
+    nodes.dedup();
+    let step = nodes.len().saturating_sub(1).div_ceil(most).max(1);
+    let cuts: Vec<usize> = nodes.iter().copied().step_by(step).collect();
+    let window = |(index, ends): (usize, &[usize])| {
+        let [start_s, end_s] = [ends[0], ends[1]].map(|node| counts.start_s() + counts.node_s[node]);
+        ManoeuvreWindow::new(&format!("window {}", index + 1), start_s, end_s)
+    };
+    cuts.windows(2).enumerate().map(window).collect()
+}
+
 /// Cuts a recording between two of its instants into at most `most` windows, whether the unit rests or not.
 pub(crate) fn cut_evenly(counts: &AccumulatedCounts, from_s: f64, to_s: f64, most: usize) -> Vec<ManoeuvreWindow> {
     let first = counts.node_s.partition_point(|&node_s| node_s < from_s);

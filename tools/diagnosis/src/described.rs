@@ -10,7 +10,7 @@ use geu_recording::ReferenceAttitude;
 
 use crate::diagnosis::diagnose;
 use crate::diagnosis_case::DiagnosisCase;
-use crate::measured::{MeasuredData, MeasuredError, Series};
+use crate::measured::{MAX_ROW_S, MeasuredData, MeasuredError, Series};
 use crate::model_state::LAG_S;
 use crate::outcome::Diagnosis;
 use crate::significance::THREE_SIGMAS;
@@ -33,6 +33,9 @@ pub fn diagnose_device(
     }
     let device = Arc::new(nominal.device.at_nodes(recording.counts.interval_s));
     let nominal = Configuration { device, ..nominal.clone() };
+    if reference.row_s > MAX_ROW_S {
+        return Err(MeasuredError::LongRows { row_s: reference.row_s });
+    }
     let matrix = sensing_matrix(&nominal);
     let mut raw = recording.counts.clone();
     raw.leave_out_unknown(reference, &matrix);

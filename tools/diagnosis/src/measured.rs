@@ -39,6 +39,9 @@ pub const BLOCK: usize = 10;
 /// Minimum usable number of blocks, of the default unit 10 min.
 const MIN_BLOCKS: usize = 120;
 
+/// Longest rows of rates and turns, s: a unit that is moved by hand or by a table turns otherwise within a longer one.
+pub const MAX_ROW_S: f64 = 2.0;
+
 /// Number of counts that may contradict a path: more, and it is not that of the gyro.
 const MAX_CONTRADICTIONS: usize = 20;
 /// Logarithm of the ratio of likelihoods from which a path with effects is preferred: more than any effect requires, χ² of 40.
@@ -68,6 +71,11 @@ pub enum MeasuredError {
         /// Minimum usable length.
         min_s: f64,
     },
+    /// The reference does not show the motion.
+    #[error(
+        "the reference: expected rows of rates or turns of at most {MAX_ROW_S} s, which show the motion, got {row_s:.1} s; `geu calibrate` takes longer ones"
+    )]
+    LongRows { row_s: f64 },
     /// Too many samples of the common interval are not usable.
     #[error(
         "the recording: expected at least {min_s:.0} s of one gyro beside the reference, without lost, clipped or invalid samples, got {good_s:.0} s of {common_s:.0} s; `geu decode` lists the losses"

@@ -43,6 +43,10 @@ pub struct ReferenceAttitude {
     pub time_system: Option<String>,
     /// In order of time; empty without a column `trial` or `group`.
     pub trials: Vec<Trial>,
+    /// Median length of the rows, s, of rates and turns: the motion within a row is not known. 0 for attitudes.
+    pub row_s: f64,
+    /// Stated 1-sigma error of the turn of each row of the truth about each control axis, of rates and turns; empty if the file states none.
+    pub turn_sigma_arcsec: Vec<[f64; 3]>,
 }
 
 /// A trial of a recording: its attitude and the drifts of the gyros do not follow from those of another one.
@@ -91,8 +95,9 @@ impl Trial {
 impl ReferenceAttitude {
     /// A truth that begins at `start_ns`: the motion alone.
     pub fn of_truth(start_ns: i64, truth: impl Into<Arc<RecordedAttitude>>) -> ReferenceAttitude {
-        let (sigma_arcsec, celsius, time_system, trials) = Default::default();
-        ReferenceAttitude { start_ns, truth: truth.into(), sigma_arcsec, celsius, time_system, trials }
+        let (sigma_arcsec, turn_sigma_arcsec, celsius, time_system, trials) = Default::default();
+        let (truth, row_s) = (truth.into(), 0.0);
+        ReferenceAttitude { start_ns, truth, sigma_arcsec, celsius, time_system, trials, row_s, turn_sigma_arcsec }
     }
 
     /// Moves the motion later by a lag.

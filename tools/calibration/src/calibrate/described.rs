@@ -6,6 +6,7 @@
 use std::sync::Arc;
 
 use geu_model::Configuration;
+use geu_model::attitude::RecordedAttitude;
 use geu_model::package::dot;
 use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_recording::ReferenceAttitude;
@@ -18,7 +19,7 @@ use crate::noise::{ROUNDING_VARIANCE, RandomWalks};
 use crate::observe::{CompensatedCounts, variance, with_reference};
 use crate::solve::{CalibrationParameter, Solution, SolveError, TrialsOfObservations, sensing_axes, solve_described};
 use crate::transfer::sensing_matrix;
-use crate::window::{ManoeuvreWindow, cut_evenly};
+use crate::window::{ManoeuvreWindow, cut_at, cut_evenly};
 
 /// Equations that are solved together, at most.
 const MAX_EQUATIONS: usize = 1200;
@@ -36,6 +37,8 @@ const PASSES: usize = 4;
 const FIRST: [f64; 2] = [0.1, 1.0];
 /// Smallest noise, so that equations without any can be weighed: angle random walk, arcsec/√s, and noise of the reference, arcsec.
 const MIN_NOISE: [f64; 2] = [1e-4, 1e-3];
+/// Length of rows of rates or turns from which only their ends are known, nodes.
+const LONG_ROW_NODES: f64 = 4.0;
 /// Nodes over which the walk of an angle is measured; an error that lasts shows over up to a quarter of the recording, if the square of its
 /// walk is this much larger there.
 const WALKED: usize = 16;
@@ -105,7 +108,10 @@ pub fn calibrate_described(
             });
         }
         about.clone_from(&solution.calibrations);
-        let noise = noise(&measured, reference, &solution, moved);
+        let noise = match has_long_rows(&counts, reference) {
+            true => noise_of_windows(&solution, &walks),
+            false => noise(&measured, reference, &solution, moved),
+        };
         walks = configured.iter().zip(&noise).map(|(walk, own)| floored(walk, own.0.max(MIN_NOISE[0]))).collect();
         let white = noise.iter().map(|own| own.1).sum::<f64>() / noise.len() as f64;
         reference_sigma_arcsec = [sigma_arcsec.unwrap_or(white.sqrt()).max(MIN_NOISE[1]); 3];
@@ -137,7 +143,10 @@ fn select(
     }
     let offset_s = counts.offset_s(reference);
     let (from_s, to_s) = (reference.truth.start_s() - offset_s, reference.truth.end_s() - offset_s);
-    let cut = cut_evenly(counts, from_s, to_s, most);
+    let cut = match has_long_rows(counts, reference) {
+        true => cut_at(counts, &ends_s(&reference.truth, offset_s), most),
+        false => cut_evenly(counts, from_s, to_s, most),
+    };
     if cut.len() >= MIN_PARTS {
         return Ok(cut);
     }
@@ -149,6 +158,32 @@ fn select(
         reference_to_s: at_s + to_s,
         min_s: (MIN_PARTS * crate::window::SHORTEST_NODES) as f64 * counts.interval_s,
     })
+}
+
+/// Instants at which the angle of long rows is known, s since node 0: within rest, a quarter before its ends, or the ends of rows without it.
+fn ends_s(truth: &RecordedAttitude, offset_s: f64) -> Vec<f64> {
+    let rows: Vec<(f64, [f64; 3])> = truth.rows().collect();
+    let is_rest = |ends: &&[(f64, [f64; 3])]| ends[0].1 == ends[1].1 && truth.is_known(0.5 * (ends[0].0 + ends[1].0));
+    let rest = rows.windows(2).filter(is_rest);
+    let within = rest.flat_map(|ends| [0.25, 0.75].map(|share| ends[0].0 + share * (ends[1].0 - ends[0].0) - offset_s));
+    let within: Vec<f64> = within.collect();
+    if within.len() > MIN_PARTS { within } else { rows.iter().map(|row| row.0 - offset_s).collect() }
+}
+
+/// True if the motion between nodes is not known.
+fn has_long_rows(counts: &AccumulatedCounts, reference: &ReferenceAttitude) -> bool {
+    reference.row_s > LONG_ROW_NODES * counts.interval_s
+}
+
+/// The same from the residuals of the windows, of which the walk explains all.
+fn noise_of_windows(solution: &Solution, walks: &[RandomWalks]) -> Vec<(f64, f64)> {
+    let of_gyro = |(gyro, walk): (usize, &RandomWalks)| {
+        let own = solution.residuals.iter().filter(|own| own.gyro.index() == gyro && own.sigma_arcsec > 0.0);
+        let squares: Vec<f64> = own.map(|own| (own.arcsec / own.sigma_arcsec).powi(2)).collect();
+        let mean = squares.iter().sum::<f64>() / squares.len().max(1) as f64;
+        (walk.angle_arcsec_per_sqrt_s * mean.sqrt(), 0.0)
+    };
+    walks.iter().enumerate().map(of_gyro).collect()
 }
 
 /// Noise of each gyro beside the reference: angle random walk, arcsec/√s, and the variance of white noise over the rounding, arcsec². From the

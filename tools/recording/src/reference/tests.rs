@@ -145,11 +145,14 @@ fn known_turns_rest_and_gaps_are_as_stated() {
         [69.9, 70.0, 70.1, 71.9, 72.0, 90.0].map(|t_s| truth.is_known(t_s)),
         [true, true, false, false, true, true]
     );
+    let sigma: Vec<f64> = turns.turn_sigma_arcsec.iter().map(|axes| axes[2]).collect();
+    assert_eq!(sigma, [0.0, 3.6, 36.0, 0.0, 0.0, 36.0, 0.0]);
     // The same as rates, each with its own sigma.
     let rates =
         header.replace("angle_x_deg,angle_y_deg,angle_z_deg,sigma_deg", "wx_deg_s,wy_deg_s,wz_deg_s,sigma_deg_h");
     let rates = read(&format!("{rates}\n{}", rows.replace("90,", "18,").replace("-45,", "-9,"))).expect("rates");
     assert_eq!(z_deg(&rates, 65.0), 90.0);
+    assert!((rates.turn_sigma_arcsec[2][0] - 0.05).abs() < 1e-12);
     assert_eq!(rates.truth.unknown_s().collect::<Vec<_>>(), [[70.0, 72.0]]);
     let parse = |header: &str| ReferenceAttitude::parse("f.csv", &format!("{header}\n{rows}"));
     assert!(parse(header).expect_err("sigmas").to_string().contains("rates state none"));

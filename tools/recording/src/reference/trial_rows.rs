@@ -125,16 +125,19 @@ impl TrialRows {
             let is_next = |before_s: &f64| !allows_gaps || row.t_s - before_s <= GAP_SPACINGS * spacing_s;
             let usual_s = before_s.filter(is_next).unwrap_or(row.t_s - spacing_s);
             let start_s = self.starts_s.get(number).copied().unwrap_or(usual_s);
+            let sigma = self.sigma_arcsec.get(number).copied();
             // A start before the end of the row before is refused with the times of the truth.
             if before_s.is_none_or(|before_s| (start_s - before_s).abs() > TOUCHING_S) {
                 points.unknown.extend(before_s.map(|_| points.rows.len()));
                 points.rows.push(AttitudeRow { t_s: start_s, angle_control_arcsec: [0.0; 3], ..row });
                 points.lines.push(line);
+                points.sigma_arcsec.extend(sigma.map(|_| [0.0; 3]));
             }
             let factor = if is_rate { row.t_s - points.rows.last().map_or(start_s, |last| last.t_s) } else { 1.0 };
             let angle_control_arcsec = row.angle_control_arcsec.map(|part| part * factor);
             points.rows.push(AttitudeRow { angle_control_arcsec, ..row });
             points.lines.push(line);
+            points.sigma_arcsec.extend(sigma.map(|sigma| sigma.map(|part| part * factor)));
         }
         points
     }
@@ -156,6 +159,7 @@ impl TrialRows {
             false => own.divided(columns.kind == MotionKind::Rate, allows_all),
         };
         let (all, mut trials) = TrialRows::joined(trials.into_iter().map(points).collect(), has_own_times);
+        let row_s = median_spacing_s(&all.rows).filter(|_| !is_attitude).unwrap_or(0.0);
         let truth = match all.unknown.is_empty() && (is_attitude || columns.start.is_none()) {
             true => RecordedAttitude::with_gaps(&all.rows),
             false => RecordedAttitude::with_unknown_turns(&all.rows, all.unknown, is_attitude),
@@ -168,7 +172,9 @@ impl TrialRows {
         trials.iter_mut().for_each(|own| (own.from_s, own.to_s) = (own.from_s - start_s, own.to_s - start_s));
         trials.retain(|_| columns.trial.is_some());
         let reference = ReferenceAttitude::from_turns(file, all.base_ns.unwrap_or(0), &all.lines, None, truth)?;
-        Ok(ReferenceAttitude { sigma_arcsec: all.sigma_arcsec, celsius, trials, ..reference })
+        let [sigma_arcsec, turn_sigma_arcsec] =
+            if is_attitude { [all.sigma_arcsec, Vec::new()] } else { [Vec::new(), all.sigma_arcsec] };
+        Ok(ReferenceAttitude { sigma_arcsec, turn_sigma_arcsec, celsius, trials, row_s, ..reference })
     }
 
     /// The rows of all trials, of which each begins at an unknown attitude. Trials with times of their own follow one another.
