@@ -25,7 +25,7 @@ use crate::csv_table::{CsvTable, TableError};
 use crate::text::{RowReader, open_rows, timestamp};
 
 /// Description of a reference attitude in errors.
-pub const REFERENCE: &str = "a reference attitude, CSV or CCSDS AEM";
+pub const REFERENCE: &str = "a reference attitude, CSV, Parquet or CCSDS AEM";
 
 /// Time between rows, s, that is none: times are rounded.
 const TOUCHING_S: f64 = 1e-6;
