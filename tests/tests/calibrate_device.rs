@@ -47,11 +47,11 @@ fn compare(name: &str, found: &Value, nominal: [f64; 3], truth: &HeadTruth) {
 
 #[test]
 fn all_parameters_of_described_units_are_solved() {
-    for (name, motion) in [
-        ("tetrad", DeviceMotionKind::Hand),
-        ("tetrad", DeviceMotionKind::Table),
-        ("stim300", DeviceMotionKind::Hand),
-        ("mm5.10", DeviceMotionKind::Table),
+    for (name, motion, angle) in [
+        ("tetrad", DeviceMotionKind::Hand, "arcsec"),
+        ("tetrad", DeviceMotionKind::Table, "arcsec"),
+        ("stim300", DeviceMotionKind::Hand, "deg"),
+        ("mm5.10", DeviceMotionKind::Table, "deg"),
     ] {
         let unit = DeviceUnit::all().into_iter().find(|own| own.name == name).expect("a unit");
         let Case { plant, .. } = Case::drawn(&unit, Mix::Effects, 2, 0, Some(motion), Some(600.0));
@@ -65,6 +65,8 @@ fn all_parameters_of_described_units_are_solved() {
         let output = calibrate(name, &link, &reference, &results);
         let found = json(&file, &output);
         assert_eq!(output.status.code(), Some(0), "{name}");
+        let text = String::from_utf8_lossy(&output.stdout);
+        assert!(text.contains(&format!(" {angle}/h ")) && text.contains(&format!(" {angle}/√s")), "{text}");
         assert_eq!(found["undetermined"], Value::Array(Vec::new()), "{name}");
         for ((head, nominal), truth) in unit.heads.iter().zip(&recording.heads) {
             compare(&format!("{name} {head}"), &found["gyros"][*head], *nominal, truth);

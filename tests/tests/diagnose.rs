@@ -8,7 +8,7 @@ use std::sync::Mutex;
 use geu_diagnosis::outcome::DiagnosedEffect;
 use geu_diagnosis::{Diagnosis, DiagnosisOptions, Thresholds, Verdict, diagnose_rows, report};
 use geu_model::Configuration;
-use geu_model::units::SAMPLE_INTERVAL_S;
+use geu_model::units::{AngleUnit, SAMPLE_INTERVAL_S};
 use geu_plant::{GYROS, Gyro, IndependentModel, PlantedEffect};
 use geu_protocol::Gyros;
 use geu_recording::ReferenceAttitude;
@@ -105,8 +105,13 @@ fn diagnosis_of(seed: u64, injected: &[PlantedEffect], bench: Option<&Bench>) ->
     let names: Vec<String> =
         injected.iter().map(|injected| format!("{} {:?}", injected.code, injected.gyros)).collect();
     println!("== seed {seed}: {}: {}", names.join(" + "), diagnosis.verdict.name());
-    missing(&diagnosis)
-        .for_each(|entry| println!("   {}\n{}", report::heading(entry), report::labelled(6, &report::facts(entry))));
+    missing(&diagnosis).for_each(|entry| {
+        println!(
+            "   {}\n{}",
+            report::heading(entry),
+            report::labelled(6, &report::facts(entry, AngleUnit::from_name("arcsec")))
+        )
+    });
     if let Some(left) = &diagnosis.unexplained {
         println!("   left: {:?} {:?} {} {:?}", left.gyros, left.interval_s, left.shape, left.follows);
     }
@@ -495,7 +500,11 @@ fn the_shared_recordings_are_named_with_their_amplitudes_and_predicted() {
         let [before, after, held_out] = [before.fitted, after.fitted, after.held_out].map(|gap| gap.rms_arcsec);
         println!("== {name}: {}; gap {before:.2}, after {after:.2}, held out {held_out:.2}", diagnosis.verdict.name());
         missing(&diagnosis).for_each(|entry| {
-            println!("   {}\n{}", report::heading(entry), report::labelled(6, &report::facts(entry)))
+            println!(
+                "   {}\n{}",
+                report::heading(entry),
+                report::labelled(6, &report::facts(entry, AngleUnit::from_name("arcsec")))
+            )
         });
         let injected = answers(&text, &name);
         assert_eq!(missing(&diagnosis).count(), injected.len(), "{name}");

@@ -131,7 +131,7 @@ fn what_is_not_read_is_refused_by_its_name_with_what_converts_it() {
         let output = geu().args(["decode", &file]).output().expect("geu starts");
         let message = said(&output);
         assert_eq!(output.status.code(), Some(2), "{message}");
-        let expected = format!("geu: {file}: is {}, which geu does not read; ", foreign.name);
+        let expected = format!("geu: {file}: is {}, which is not read here; ", foreign.name);
         assert!(message.starts_with(&expected) && message.lines().count() == 1, "{message}");
         assert!(output.stdout.is_empty(), "{message}");
         for arguments in [&["decode", &file, "--format", "summary"][..], &["track", &file]] {

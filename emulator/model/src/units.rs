@@ -33,6 +33,41 @@ pub const RATE_UNITS: NamedUnits = &[
 /// Units of angles, arcsec.
 pub const ANGLE_UNITS: NamedUnits =
     &[("arcsec", 1.0), ("deg", ARCSEC_PER_DEG), ("rad", ARCSEC_PER_RAD), ("mrad", ARCSEC_PER_RAD * 1e-3)];
+
+/// The unit of angles in results, and with it of rates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AngleUnit {
+    pub name: &'static str,
+    /// Size of one, arcsec.
+    pub arcsec: f64,
+}
+
+impl AngleUnit {
+    /// The unit of this name; arcsec if none has it.
+    pub fn from_name(name: &str) -> AngleUnit {
+        let (name, arcsec) = ANGLE_UNITS.iter().find(|(own, _)| *own == name).unwrap_or(&ANGLE_UNITS[0]);
+        AngleUnit { name, arcsec: *arcsec }
+    }
+
+    /// A unit such as `arcsec/h` with this angle in place of arcsec, and its size; other units, and ratios of angles, as they are.
+    pub fn converted(self, unit: &str) -> (f64, String) {
+        match unit.strip_prefix("arcsec").filter(|rest| !rest.contains("arcsec") && !rest.contains('°')) {
+            Some(rest) => (self.arcsec, format!("{}{rest}", self.name)),
+            None => (1.0, unit.to_owned()),
+        }
+    }
+
+    /// A number of arcsec in this unit, rounded no coarser than to these decimals of an arcsec.
+    pub fn fixed(self, arcsec: f64, decimals: usize) -> String {
+        format!("{:.1$}", arcsec / self.arcsec, self.decimals(decimals))
+    }
+
+    /// Decimals of this unit for decimals of an arcsec.
+    pub fn decimals(self, of_arcsec: usize) -> usize {
+        of_arcsec + self.arcsec.log10().ceil() as usize
+    }
+}
+
 /// Units of time, s.
 pub const TIME_UNITS: NamedUnits = &[("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)];
 
@@ -69,6 +104,17 @@ pub fn duration_s(text: &str, min: f64, max: f64) -> Result<f64, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_unit_of_angles_replaces_arcsec() {
+        let deg = AngleUnit::from_name("deg");
+        assert_eq!(deg.converted("arcsec/h"), (3600.0, "deg/h".to_owned()));
+        for unit in ["ppm", "", "arcsec/(arcsec/s)^2", "arcsec/°"] {
+            assert_eq!(deg.converted(unit), (1.0, unit.to_owned()));
+        }
+        assert_eq!(deg.fixed(1800.0, 2), "0.500000");
+        assert_eq!(AngleUnit::from_name("arcsec").fixed(-1.0, 2), "-1.00");
+    }
 
     #[test]
     fn a_duration_is_seconds_or_has_its_unit() {

@@ -39,7 +39,8 @@ pub const FOREIGN: &[Foreign] = &[
         "python-can's is converted: `can_logconvert INPUT.db OUTPUT.log`",
     ),
     foreign(b"timestamp,arbitration_id,", "python-can's CSV", LOGCONVERT),
-    foreign(b"PAR1", "a Parquet table", TABLE),
+    Foreign::PARQUET,
+    foreign(b"PARE", "an encrypted Parquet table", TABLE),
     foreign(b"\x89HDF\r\n\x1a\n", "an HDF5 file", TABLE),
     foreign(b"t_s,sequence,clock_count,", "the rows of `geu decode`, no capture", "give the capture they came from"),
     foreign(b"PK\x03\x04", "a ZIP archive", UNPACK),
@@ -50,6 +51,13 @@ pub const FOREIGN: &[Foreign] = &[
 ];
 
 impl Foreign {
+    /// Read as a table of samples or a reference, where the reader can seek.
+    pub const PARQUET: Foreign = foreign(
+        b"PAR1",
+        "a Parquet table",
+        "give it as a file that is not compressed, where a reference or `--device DESCRIPTION` with a table is read",
+    );
+
     pub(super) fn from_head(head: &[u8]) -> Option<&'static Foreign> {
         let head = head.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(head);
         FOREIGN.iter().find(|foreign| head.starts_with(foreign.signature))
@@ -58,6 +66,6 @@ impl Foreign {
 
 impl fmt::Display for Foreign {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        write!(f, "is {}, which geu does not read; {}", self.name, self.conversion)
+        write!(f, "is {}, which is not read here; {}", self.name, self.conversion)
     }
 }

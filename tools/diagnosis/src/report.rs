@@ -8,7 +8,8 @@ use serde_json::{Value, json};
 use crate::outcome::Diagnosis;
 
 pub use text::{
-    WIDTH, alternative_name, effect_name, facts, heading, labelled, on, quantity, verdict, with_sigma, wrapped,
+    WIDTH, alternative_name, converted, effect_name, facts, heading, labelled, on, quantity, verdict, with_sigma,
+    wrapped,
 };
 
 /// The diagnosis as JSON. A number that is not finite is null.

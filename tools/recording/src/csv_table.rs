@@ -7,6 +7,7 @@ use std::io::{self, Read};
 use geu_model::attitude::AttitudeRowsError;
 use geu_protocol::excerpt::excerpt;
 
+use crate::parquet_text::SEPARATOR;
 use crate::text::{RowReader, Table};
 
 /// Why a table cannot be used.
@@ -59,12 +60,13 @@ impl<R: Read> CsvTable<R> {
     }
 
     fn build(name: &str, mut rows: RowReader<R>, builder: &mut csv::ReaderBuilder) -> Result<CsvTable<R>, TableError> {
-        // The most frequent character of the header.
+        // The most frequent character of the header, except of Parquet.
         let head =
             rows.first_lines().map_err(|source| TableError::Csv { name: name.to_owned(), source: source.into() })?;
         let header = head.iter().find(|line| !line.trim().is_empty() && !line.starts_with('#'));
         let count = |delimiter: &char| header.map_or(0, |header| header.matches(*delimiter).count());
-        let delimiter = ['\t', ';', ','].into_iter().max_by_key(count).unwrap_or(',');
+        let delimiter = Some(SEPARATOR).filter(|own| count(own) > 0);
+        let delimiter = delimiter.or_else(|| ['\t', ';', ','].into_iter().max_by_key(count)).unwrap_or(',');
         let mut table = rows.table(builder.trim(csv::Trim::All).delimiter(delimiter as u8));
         let header = table.header().map_err(|source| TableError::Csv { name: name.to_owned(), source })?;
         Ok(CsvTable { name: name.to_owned(), header, record: csv::StringRecord::new(), table })

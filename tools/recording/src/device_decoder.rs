@@ -5,7 +5,7 @@ mod serial;
 mod table;
 
 use geu_model::device::Device;
-use geu_protocol::capture::{CaptureRecord, Detected, Format, RecordPosition, Timestamp, detect};
+use geu_protocol::capture::{CaptureRecord, Detected, Foreign, Format, RecordPosition, Timestamp, detect};
 use geu_protocol::continuity::SequenceStep;
 use geu_protocol::layout::{Quantity, Sequence};
 
@@ -160,8 +160,13 @@ impl Decode for DeviceDecoder {
             Some(None) => Detected::Undecided,
             _ if self.can.is_some() => detect(head, is_complete),
             _ if self.serial.is_some() => format("serial"),
+            _ if head.starts_with(Foreign::PARQUET.signature) => Detected::Foreign(&Foreign::PARQUET),
             _ => Detected::UnknownText,
         }
+    }
+
+    fn reads_tables(&self) -> bool {
+        self.table.is_some()
     }
 
     fn columns(&self) -> Option<String> {

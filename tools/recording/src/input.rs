@@ -14,6 +14,7 @@ use thiserror::Error;
 
 use crate::input_reader::Stop;
 use crate::live::{CanSocket, SerialPort, Stream};
+use crate::parquet_text::open_table;
 
 /// Why an input cannot be read, or not to its end.
 #[derive(Debug, Error)]
@@ -104,12 +105,18 @@ pub fn is_live(name: &str) -> bool {
     }
 }
 
-/// Opens an input by its name; an existing path has precedence over an interface.
-pub(crate) fn open<'a>(name: &str, baud: Option<u32>, stop: Stop<'a>) -> Result<Source<'a>, InputError> {
+/// Opens an input by its name; an existing path has precedence over an interface. A file of Parquet is read as text if it may be a table.
+pub(crate) fn open<'a>(
+    name: &str,
+    baud: Option<u32>,
+    may_be_table: bool,
+    stop: Stop<'a>,
+) -> Result<Source<'a>, InputError> {
     let failed = |source| InputError::Open { name: name.to_owned(), source };
     let recording = |file: File| {
         claim(name, &file)?;
-        Ok(Source::Bytes { bytes: unpack(file)?, is_live: false })
+        let bytes = if may_be_table { open_table(file)? } else { unpack(file)? };
+        Ok(Source::Bytes { bytes, is_live: false })
     };
     let live = |stream: Stream<'a>| {
         claim(name, stream.file())?;

@@ -11,6 +11,7 @@ use geu_protocol::hex::spaced_hex;
 use crate::decoder::{Decoder, DecoderOptions};
 use crate::input::{InputError, Source, Unpacked, open};
 use crate::live::{CanSocket, Received, SerialPort, wait_readable};
+use crate::parquet_text::SEPARATOR;
 use crate::row::Sink;
 use crate::summary::DecodeSummary;
 
@@ -73,6 +74,11 @@ pub trait Decode {
         detect(head, is_complete)
     }
 
+    /// True if tables of samples are read, which may be Parquet.
+    fn reads_tables(&self) -> bool {
+        false
+    }
+
     /// Columns that a table must have, in words, if the unit has nothing else.
     fn columns(&self) -> Option<String> {
         None
@@ -123,7 +129,7 @@ impl<'a, D: Decode> InputReader<'a, D> {
     /// # Errors
     /// [`InputError`].
     pub fn read(&mut self, name: &str, sink: &mut impl Sink<D::Row>) -> Result<(), InputError> {
-        let source = open(name, self.options.baud, self.stop)?;
+        let source = open(name, self.options.baud, self.decoder.reads_tables(), self.stop)?;
         sink.opened();
         self.decoder.begin(name, sink);
         match source {
@@ -380,7 +386,7 @@ impl Target {
 
 fn unknown_text(name: &str, head: &[u8], columns: Option<String>) -> InputError {
     let line = head.split(|&byte| byte == b'\n').next().unwrap_or_default();
-    let got = format!("{:?}", excerpt(&String::from_utf8_lossy(line)));
+    let got = format!("{:?}", excerpt(&String::from_utf8_lossy(line).replace(SEPARATOR, ",")));
     let name = name.to_owned();
     match columns {
         Some(expected) => InputError::Columns { name, expected, got },

@@ -44,6 +44,7 @@ mod input_reader;
 mod live;
 mod no_rows;
 mod others;
+mod parquet_text;
 mod reference;
 mod row;
 mod summary;

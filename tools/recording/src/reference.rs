@@ -27,7 +27,7 @@ use crate::csv_table::{CsvTable, TableError};
 use crate::text::{RowReader, open_rows};
 
 /// Description of a reference attitude in errors.
-pub const REFERENCE: &str = "a reference attitude, CSV or CCSDS AEM";
+pub const REFERENCE: &str = "a reference attitude, CSV, Parquet or CCSDS AEM";
 
 #[derive(Debug, Clone)]
 pub struct ReferenceAttitude {

@@ -7,9 +7,11 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader, Cursor, Read};
 use std::path::Path;
 
-use geu_protocol::capture::Timestamp;
+use geu_model::units::TIME_UNITS;
+use geu_protocol::capture::{Foreign, Timestamp};
 
 use crate::input::{claim, unpack};
+use crate::parquet_text::open_table;
 
 /// Bytes of a document (configuration, plan, description, result as JSON): the `run.toml` of a run with 200 000 commands. Parsed, a
 /// document takes up to a hundred times its length.
@@ -53,16 +55,23 @@ pub fn read_text(path: &Path) -> io::Result<String> {
     })
 }
 
-/// Opens a series, which may be compressed.
+/// Opens a series, which may be compressed or Parquet.
 ///
 /// # Errors
 /// A file that cannot be opened.
 pub fn open_rows(path: &Path) -> io::Result<RowReader<Box<dyn Read>>> {
-    Ok(RowReader::new(open_bytes(path)?))
+    Ok(RowReader::new(open_table(claimed(path)?)?.reader))
 }
 
-/// A number of units of time as nanoseconds; `unit_ns` is a power of ten. Decimals are exact, digits beyond the nanosecond are dropped.
+/// A number of units of time as nanoseconds; `unit_ns` is a power of ten, unless the text states a unit itself. Decimals are exact, digits
+/// beyond the nanosecond are dropped.
 pub(crate) fn timestamp(text: &str, unit_ns: i64) -> Option<Timestamp> {
+    let (text, unit_ns) = match text.split_once(' ') {
+        Some((number, unit)) => {
+            (number, TIME_UNITS.iter().find(|(name, _)| *name == unit).map(|(_, s)| (s * 1e9).round() as i64)?)
+        }
+        None => (text, unit_ns),
+    };
     let places = unit_ns.ilog10() as usize;
     let (whole, fraction) = text.split_once('.').unwrap_or((text, ""));
     let digits = (fraction.len() + 9 - places).min(9) as u8;
@@ -78,9 +87,13 @@ pub(crate) fn timestamp(text: &str, unit_ns: i64) -> Option<Timestamp> {
 }
 
 fn open_bytes(path: &Path) -> io::Result<Box<dyn Read>> {
+    Ok(unpack(claimed(path)?)?.reader)
+}
+
+fn claimed(path: &Path) -> io::Result<File> {
     let file = File::open(path)?;
     claim(&path.display().to_string(), &file)?;
-    Ok(unpack(file)?.reader)
+    Ok(file)
 }
 
 fn beyond(message: String) -> io::Error {
@@ -109,6 +122,9 @@ impl<R: Read> RowReader<R> {
             self.reader.by_ref().take(HEAD).read_to_end(self.head.get_mut())?;
         }
         let head = self.head.get_ref();
+        if head.starts_with(Foreign::PARQUET.signature) {
+            return Err(beyond(Foreign::PARQUET.to_string()));
+        }
         let head = head.strip_prefix(BYTE_ORDER_MARK).unwrap_or(head);
         Ok(String::from_utf8_lossy(head).lines().map(str::to_owned).collect())
     }

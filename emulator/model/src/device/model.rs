@@ -5,7 +5,7 @@ use geu_protocol::{Gyro, Gyros};
 
 use super::{Device, Head, Output};
 use crate::parameter_spec::Widening;
-use crate::units::{ARCSEC_PER_RAD, FULL_SCALE_ARCSEC_S};
+use crate::units::{ARCSEC_PER_RAD, AngleUnit, FULL_SCALE_ARCSEC_S};
 
 /// Smallest limit of relative errors of described units, ppm; that of the projections of an input axis is 45°.
 const DESCRIBED_PPM: f64 = 1e5;
@@ -65,6 +65,13 @@ impl Device {
             Output::Increment => value.factor,
             Output::Rate => value.factor * self.interval_s,
         }
+    }
+
+    /// Unit of the angle in the output of the first head.
+    pub fn angle_unit(&self) -> AngleUnit {
+        let output = self.values().iter().find(|value| value.quantity == Quantity::Output(0));
+        let unit = output.and_then(|value| value.name.strip_prefix(self.heads[0].gyro.name()));
+        AngleUnit::from_name(unit.and_then(|unit| unit.split('_').nth(1)).unwrap_or_default())
     }
 
     /// Samples from one frame with an angle to the next; `None` without such frames.

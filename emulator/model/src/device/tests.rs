@@ -15,6 +15,21 @@ fn every_known_description_is_right() {
 }
 
 #[test]
+fn results_have_the_angle_of_the_output() {
+    for (name, unit) in [
+        ("stim300", "deg"),
+        ("kvh-1750", "rad"),
+        ("mti-100", "rad"),
+        ("mm5.10", "deg"),
+        ("suchai3", "deg"),
+        ("tetrad", "arcsec"),
+    ] {
+        assert_eq!(Device::from_name(name).expect("a unit").angle_unit().name, unit, "{name}");
+    }
+    assert_eq!(Device::iras().angle_unit().name, "arcsec");
+}
+
+#[test]
 fn a_word_of_bits_has_validity_and_names() {
     let device = Device::from_name("stim300").unwrap();
     let frames = &device.serial.as_ref().unwrap().frames;

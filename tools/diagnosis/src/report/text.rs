@@ -1,7 +1,9 @@
 //! Facts of a report as labelled lines of limited width.
 
-use crate::outcome::{Chi2Fall, DiagnosedEffect, EstimatedValue, ReportedAlternative, Verdict};
+use geu_model::units::AngleUnit;
 use geu_protocol::Gyros;
+
+use crate::outcome::{Chi2Fall, DiagnosedEffect, EstimatedValue, ReportedAlternative, Verdict};
 
 /// Alternatives of a group that are listed; the others are counted.
 const LISTED: usize = 5;
@@ -54,16 +56,31 @@ pub fn unit(name: &str) -> String {
     })
 }
 
-/// A parameter of an entry with sigma and unit.
-pub fn quantity(entry: &DiagnosedEffect, number: &EstimatedValue) -> String {
-    let unit = match (&entry.coefficient_unit, &number.written) {
+/// A parameter of an entry with sigma and unit, and in brackets with another unit of angles.
+pub fn quantity(entry: &DiagnosedEffect, number: &EstimatedValue, angle: AngleUnit) -> String {
+    let is_fixed = entry.chi2.is_some() && number.sigma.is_none() && number.written.is_none();
+    let fixed = if is_fixed { ", not fitted" } else { "" };
+    let text = format!("{} {}", with_sigma(number), unit_of(entry, number));
+    format!("{}{}{fixed}", text.trim_end(), converted(entry, number, angle))
+}
+
+/// A parameter in brackets with this unit of angles; empty if it has the same unit without.
+pub fn converted(entry: &DiagnosedEffect, number: &EstimatedValue, angle: AngleUnit) -> String {
+    let unit = unit_of(entry, number);
+    let (size, own) = angle.converted(&unit);
+    if own == unit {
+        return String::new();
+    }
+    let sigma = number.sigma.map(|sigma| sigma / size);
+    format!(" ({} {own})", with_sigma(&EstimatedValue { value: number.value / size, sigma, ..number.clone() }))
+}
+
+fn unit_of(entry: &DiagnosedEffect, number: &EstimatedValue) -> String {
+    match (&entry.coefficient_unit, &number.written) {
         (Some(unit), _) => unit.clone(),
         (None, Some(_)) => String::new(),
         (None, None) => unit(&number.name),
-    };
-    let is_fixed = entry.chi2.is_some() && number.sigma.is_none() && number.written.is_none();
-    let fixed = if is_fixed { ", not fitted" } else { "" };
-    format!("{}{fixed}", format!("{} {unit}", with_sigma(number)).trim_end())
+    }
 }
 
 /// An alternative's name, with its gyros if the effect has others.
@@ -104,11 +121,11 @@ pub fn heading(entry: &DiagnosedEffect) -> String {
 }
 
 /// Label and value of each fact of an effect.
-pub fn facts(entry: &DiagnosedEffect) -> Vec<(String, String)> {
+pub fn facts(entry: &DiagnosedEffect, angle: AngleUnit) -> Vec<(String, String)> {
     let mut facts: Vec<(String, String)> = Vec::new();
     let mut fact = |label: &str, value: String| facts.push((label.to_owned(), value));
     for number in &entry.parameters {
-        fact(&number.name, quantity(entry, number));
+        fact(&number.name, quantity(entry, number, angle));
     }
     // As a whole number, so that a zero has no sign.
     fact("share of the gap", format!("{} %", (100.0 * entry.gap_share).round() as i64));
@@ -209,7 +226,7 @@ mod tests {
             ..DiagnosedEffect::default()
         };
         assert_eq!(heading(&entry), "GYRX: pivot-clearance");
-        let lines = labelled(4, &facts(&entry));
+        let lines = labelled(4, &facts(&entry, AngleUnit::from_name("arcsec")));
         for line in [
             "    clearance_arcsec     11.523 ± 0.041 arcsec",
             "    preferred_arcsec     0.0000 arcsec, not fitted",

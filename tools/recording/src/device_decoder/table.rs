@@ -8,6 +8,7 @@ use geu_protocol::layout::{Quantity, Sequence};
 use super::Samples;
 use crate::defect::DefectKind;
 use crate::flow::Stamp;
+use crate::parquet_text::SEPARATOR;
 use crate::row::{DeviceSample, Sink};
 use crate::text::timestamp;
 
@@ -93,7 +94,8 @@ impl Table {
 
     /// The cells of a row, without quotes and spaces around them.
     fn cells<'a>(&self, line: &'a str) -> Vec<&'a str> {
-        let (delimiter, mut is_quoted) = (self.wire.delimiter, false);
+        let delimiter = if line.contains(SEPARATOR) { SEPARATOR } else { self.wire.delimiter };
+        let mut is_quoted = false;
         let cells = line.trim_end_matches(['\r', '\n']).split(|letter| {
             is_quoted ^= letter == '"';
             letter == delimiter && !is_quoted

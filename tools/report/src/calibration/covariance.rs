@@ -7,7 +7,7 @@ use geu_calibration::solve::{CalibrationParameter, PER_GYRO};
 use geu_chart::{ARROW, CROSS, Chart, DIAMOND};
 use geu_protocol::map;
 
-use super::{CalibrationPage, sigma_unit};
+use super::CalibrationPage;
 use crate::page::{filled, fixed, sigmas as in_sigmas};
 
 impl CalibrationPage<'_> {
@@ -34,7 +34,7 @@ impl CalibrationPage<'_> {
     fn ellipse(&self, pair: [CalibrationParameter; 2], correlation: &dyn Fn(usize, usize) -> f64) -> String {
         let [a, b] = pair.map(CalibrationParameter::position);
         let (sigmas, solved) = (self.solution().sigmas(), self.solution().values());
-        let forms = pair.map(sigma_unit);
+        let forms = pair.map(|parameter| self.sigma_unit(parameter));
         let scales = [sigmas[a] * forms[0].0, sigmas[b] * forms[1].0];
         let rho = correlation(a, b).clamp(-1.0, 1.0);
         let across = (1.0 - rho * rho).sqrt();

@@ -49,7 +49,7 @@ impl CalibrationPage<'_> {
                 if moved.contains(&parameter) { format!("<em>{probability}, moved</em>") } else { probability },
                 allowed,
                 if comparison.is_compatible() {
-                    let (value, whole) = value_and_unit(parameter, merged[index]);
+                    let (value, whole) = value_and_unit(parameter, merged[index], self.angle());
                     format!("{value} {whole} ± {} {unit}", significant(merged_sigmas[index] * size, 2))
                 } else {
                     "–".to_owned()

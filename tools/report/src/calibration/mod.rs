@@ -8,7 +8,7 @@ use geu_calibration::compare::{Comparison, MIN_PROBABILITY, PreviousCalibration}
 use geu_calibration::solve::{CalibrationParameter, Solution, values_of};
 use geu_calibration::{Calibrated, solve};
 use geu_model::Configuration;
-use geu_model::units::SAMPLE_INTERVAL_S;
+use geu_model::units::{AngleUnit, SAMPLE_INTERVAL_S};
 use geu_protocol::{Gyro, map};
 
 use geu_chart::Chart;
@@ -40,7 +40,7 @@ impl CalibrationPage<'_> {
     pub fn html(&self) -> String {
         let (calibrated, solution) = (self.calibrated, self.solution());
         let span = calibrated.observations.iter().map(|one| one.end_s).fold(0.0, f64::max);
-        let described = if solution.is_described() { described_lines(calibrated) } else { Vec::new() };
+        let described = if solution.is_described() { described_lines(calibrated, self.angle()) } else { Vec::new() };
         let earlier = self.earlier.iter().map(|one| ("earlier calibration", one.name.clone()));
         let values = map! {
             start: date(calibrated.time_s),
@@ -48,6 +48,7 @@ impl CalibrationPage<'_> {
             hours: span / 3600.0,
             verdict: self.verdict(),
             parameters: self.parameters(),
+            angle: self.angle().name,
             described: described,
             hint: CHART_HINT,
             residuals: gyros(solution).map(|gyro| self.residuals_of(gyro)).collect::<String>(),
@@ -62,6 +63,17 @@ impl CalibrationPage<'_> {
 
     fn solution(&self) -> &Solution {
         &self.calibrated.solution
+    }
+
+    fn angle(&self) -> AngleUnit {
+        self.prior.device.angle_unit()
+    }
+
+    /// The factor and unit of sigmas and changes, with the device's unit of angles.
+    fn sigma_unit(&self, parameter: CalibrationParameter) -> (f64, String) {
+        let (size, unit) = sigma_unit(parameter);
+        let (angle, unit) = self.angle().converted(unit);
+        (size / angle, unit)
     }
 
     fn prior_values(&self) -> Vec<f64> {
@@ -91,7 +103,8 @@ impl CalibrationPage<'_> {
             condition: solution.condition,
             largest: largest.map(|(sigmas, parameter)| map! { label: parameter.label(), sigmas: sigmas }),
             no_hand: self.calibrated.first_order.as_ref().err().filter(|_| !solution.is_described()).map(ToString::to_string),
-            noise: noise.iter().any(|sigma| *sigma > 0.0).then_some(noise),
+            noise: noise.iter().any(|sigma| *sigma > 0.0).then(|| noise.map(|sigma| sigma / self.angle().arcsec)),
+            angle: self.angle().name,
         };
         filled(include_str!("verdict.html"), &values)
     }
@@ -102,11 +115,11 @@ impl CalibrationPage<'_> {
         let (before, hand) = (self.prior_values(), self.hand_values());
         let rows = solution.parameters.iter().enumerate().map(|(index, &parameter)| {
             let ((size, unit_of_sigma), (value, unit)) =
-                (sigma_unit(parameter), value_and_unit(parameter, solved[index]));
+                (self.sigma_unit(parameter), value_and_unit(parameter, solved[index], self.angle()));
             let change = solved[index] - before[index];
             if !solution.is_determined(parameter) {
                 let none = || "–".to_owned();
-                return vec![escape(&parameter.label()), none(), unit.to_owned(), none(), none(), none(), none()];
+                return vec![escape(&parameter.label()), none(), unit, none(), none(), none(), none()];
             }
             let hand = hand
                 .as_ref()
@@ -114,7 +127,7 @@ impl CalibrationPage<'_> {
             vec![
                 escape(&parameter.label()),
                 value,
-                unit.to_owned(),
+                unit,
                 format!("{} {unit_of_sigma}", significant(sigmas[index] * size, 3)),
                 format!("{} {unit_of_sigma}", signed(change * size, 3)),
                 in_sigmas(change / sigmas[index]),
@@ -128,17 +141,19 @@ impl CalibrationPage<'_> {
 
     fn residuals_of(&self, gyro: Gyro) -> String {
         let (observations, name) = (&self.calibrated.observations, gyro.name());
+        let angle = self.angle();
         let own: Vec<&solve::Residual> = self.solution().residuals.iter().filter(|one| one.gyro == gyro).collect();
         let x = (0.4, observations.len() as f64 + 0.6);
         let number = |one: &solve::Residual| (one.manoeuvre + 1) as f64;
         let sigmas = |one: &solve::Residual| if one.sigma_arcsec > 0.0 { one.arcsec / one.sigma_arcsec } else { 0.0 };
         let title = |one: &solve::Residual| {
             format!(
-                "{} {}: {} ± {} arcsec, {}",
+                "{} {}: {} ± {} {}, {}",
                 one.manoeuvre + 1,
                 observations[one.manoeuvre].name,
-                signed(one.arcsec, 2),
-                significant(one.sigma_arcsec, 2),
+                signed(one.arcsec / angle.arcsec, 2),
+                significant(one.sigma_arcsec / angle.arcsec, 2),
+                angle.name,
                 in_sigmas(sigmas(one))
             )
         };
@@ -148,15 +163,15 @@ impl CalibrationPage<'_> {
                 chart.below(index as f64, &index.to_string());
             }
         };
-        let max = own.iter().map(|one| one.arcsec.abs() + one.sigma_arcsec).fold(1e-9, f64::max) * 1.15;
-        let label = format!("Residuals of {name} in arcsec, manoeuvre by manoeuvre");
+        let max = own.iter().map(|one| one.arcsec.abs() + one.sigma_arcsec).fold(1e-9, f64::max) * 1.15 / angle.arcsec;
+        let label = format!("Residuals of {name} in {}, manoeuvre by manoeuvre", angle.name);
         let mut above = Chart::new(&label, (420.0, 200.0), x, (-max, max), 1).counting_x();
         above.y_ticks(6);
-        above.y_title("arcsec");
+        above.y_title(angle.name);
         for one in &own {
-            let at = number(one);
-            above.line("first", (at, one.arcsec - one.sigma_arcsec), (at, one.arcsec + one.sigma_arcsec));
-            above.dot("dot", (at, one.arcsec), &title(one));
+            let (at, residual, sigma) = (number(one), one.arcsec / angle.arcsec, one.sigma_arcsec / angle.arcsec);
+            above.line("first", (at, residual - sigma), (at, residual + sigma));
+            above.dot("dot", (at, residual), &title(one));
         }
         names(&mut above);
         let max = own.iter().map(|one| sigmas(one).abs()).fold(2.3, f64::max) * 1.12;
@@ -178,6 +193,7 @@ impl CalibrationPage<'_> {
 
     fn manoeuvres(&self) -> String {
         let Calibrated { solution, observations, .. } = self.calibrated;
+        let angle = self.angle();
         let rows = observations.iter().enumerate().map(|(index, observation)| {
             let equations = observation.counts.iter().flatten().count();
             let share = solution.leverage[index] / equations.max(1) as f64;
@@ -197,15 +213,15 @@ impl CalibrationPage<'_> {
                     || "–".to_owned(),
                     |one| {
                         let sigmas = one.arcsec / one.sigma_arcsec;
-                        let arcsec = fixed(one.arcsec, 2);
+                        let residual = fixed(one.arcsec / angle.arcsec, angle.decimals(2));
                         // An equation that no other tests has no residual and no scatter.
                         if !sigmas.is_finite() {
-                            return arcsec;
+                            return residual;
                         }
                         let sigmas_text = format!("({})", in_sigmas(sigmas));
                         match sigmas.abs() > MARKED_SIGMA {
-                            true => format!("{arcsec} <em>{sigmas_text}</em>"),
-                            false => format!("{arcsec} {sigmas_text}"),
+                            true => format!("{residual} <em>{sigmas_text}</em>"),
+                            false => format!("{residual} {sigmas_text}"),
                         }
                     },
                 )
@@ -214,8 +230,8 @@ impl CalibrationPage<'_> {
         });
         let header = ["manoeuvre", "start, s", "length, s", "leverage"].into_iter();
         let header: Vec<&str> = header.chain(gyros(solution).map(Gyro::name)).collect();
-        let caption = "Manoeuvres, leverage on their own equations, and residuals in arcsec";
-        table(caption, &header, rows)
+        let caption = format!("Manoeuvres, leverage on their own equations, and residuals in {}", angle.name);
+        table(&caption, &header, rows)
     }
 
     /// The data that were not used.
@@ -248,14 +264,19 @@ pub fn moved_words(comparison: &Comparison) -> String {
 }
 
 /// A value and its unit: that of its sigma, except for a scale factor, which is a ratio.
-fn value_and_unit(parameter: CalibrationParameter, value: f64) -> (String, &'static str) {
+fn value_and_unit(parameter: CalibrationParameter, value: f64, angle: AngleUnit) -> (String, String) {
+    let (number, unit) = number_and_unit(parameter, value, angle);
+    (number.replace('-', "−"), unit)
+}
+
+/// Value and unit for a terminal.
+fn number_and_unit(parameter: CalibrationParameter, value: f64, angle: AngleUnit) -> (String, String) {
     let (size, unit) = sigma_unit(parameter);
-    let (value, unit, decimals) = match parameter.index {
-        0 => (value, "", 7),
-        1 => (value * size, unit, 2),
-        _ => (value * size, unit, 3),
-    };
-    (format!("{value:.decimals$}").replace('-', "−"), unit)
+    match parameter.index {
+        0 => (format!("{value:.7}"), String::new()),
+        1 => (angle.fixed(value * size, 2), angle.converted(unit).1),
+        _ => (angle.fixed(value * size, 3), angle.converted(unit).1),
+    }
 }
 
 fn percent(probability: f64) -> String {

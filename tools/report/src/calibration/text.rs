@@ -7,10 +7,10 @@ use geu_calibration::solve::{CalibrationParameter, PER_GYRO, Solution, UNKNOWNS,
 use geu_calibration::{Calibrated, Comparison, PreviousCalibration};
 use geu_model::Configuration;
 use geu_model::package::Calibration;
-use geu_model::units::ARCSEC_PER_DEG;
+use geu_model::units::{ARCSEC_PER_DEG, AngleUnit};
 use geu_protocol::{Gyro, map};
 
-use super::{moved_words, sigma_unit};
+use super::{moved_words, number_and_unit, sigma_unit};
 use crate::page::filled;
 use crate::text_table::text_table;
 
@@ -18,28 +18,31 @@ use crate::text_table::text_table;
 pub fn table(prior: &Configuration, calibrated: &Calibrated) -> String {
     let solution = &calibrated.solution;
     let (parameters, is_described) = (&solution.parameters, solution.is_described());
+    let angle = prior.device.angle_unit();
     let (solved, sigmas) = (solution.values(), solution.sigmas());
     let before = values_of(parameters, &calibrations(prior));
     let hand = calibrated.first_order.as_ref().map(|hand| values_of(parameters, hand));
     let rows = parameters.iter().enumerate().map(|(index, parameter)| {
-        let (unit, digits, size, sigma_unit) = match parameter.index {
-            0 => ("", 7, 1e6, "ppm"),
-            1 => ("arcsec/half s", 6, 1.0, ""),
-            _ => ("arcsec", 3, 1.0, ""),
+        let number = |value: f64| match parameter.index {
+            0 => format!("{value:.7}"),
+            1 if !is_described => format!("{value:.6}"),
+            _ => number_and_unit(*parameter, value, angle).0,
+        };
+        let unit = match parameter.index {
+            1 if !is_described => "arcsec/half s".to_owned(),
+            _ => number_and_unit(*parameter, 0.0, angle).1,
         };
         let hand = hand
             .as_ref()
             .map_or_else(|_| "–".to_owned(), |hand| format!("{:+.1}", (hand[index] - solved[index]) / sigmas[index]));
-        let sigma = match sigma_unit {
-            "" => format!("{:.digits$}", sigmas[index]),
-            _ => format!("{:.3} {sigma_unit}", sigmas[index] * size),
+        let sigma = match parameter.index {
+            0 => format!("{:.3} ppm", sigmas[index] * 1e6),
+            _ => number(sigmas[index]),
         };
         let change = format!("{:+.1}", (solved[index] - before[index]) / sigmas[index]);
         match solution.is_determined(*parameter) {
-            true => [parameter.label(), format!("{:.digits$}", solved[index]), sigma, unit.to_owned(), change, hand],
-            false => {
-                [parameter.label(), "not determined".to_owned(), "–".to_owned(), unit.to_owned(), "–".to_owned(), hand]
-            }
+            true => [parameter.label(), number(solved[index]), sigma, unit, change, hand],
+            false => [parameter.label(), "not determined".to_owned(), "–".to_owned(), unit, "–".to_owned(), hand],
         }
     });
     let header = ["parameter", "value", "sigma", "unit", "change/σ", "hand method/σ"];
@@ -53,20 +56,21 @@ pub fn table(prior: &Configuration, calibrated: &Calibrated) -> String {
     let noise = calibrated.reference_sigma_arcsec;
     let values = map! {
         table: text,
-        manoeuvres: if is_described { described_lines(calibrated).join("\n") } else { manoeuvre_table(calibrated) },
+        manoeuvres: if is_described { described_lines(calibrated, angle).join("\n") } else { manoeuvre_table(calibrated) },
         chi2: solution.chi2,
         freedom: solution.degrees_of_freedom as u32,
         probability: solution.probability(),
         condition: solution.condition,
         no_hand: calibrated.first_order.as_ref().err().filter(|_| !is_described).map(ToString::to_string),
-        noise: noise.iter().any(|sigma| *sigma > 0.0).then_some(noise),
+        noise: noise.iter().any(|sigma| *sigma > 0.0).then(|| noise.map(|sigma| angle.fixed(sigma, 2)).to_vec()),
+        angle: angle.name,
         is_unexplained: solution.probability() < MIN_PROBABILITY,
     };
     filled(include_str!("text.txt"), &values).trim_end().to_owned()
 }
 
 /// Further results of a described unit.
-pub fn described_lines(calibrated: &Calibrated) -> Vec<String> {
+pub fn described_lines(calibrated: &Calibrated, angle: AngleUnit) -> Vec<String> {
     let Calibrated { solution, observations, noise, .. } = calibrated;
     let mut lines = vec![format!("{} windows", observations.len())];
     let open: Vec<String> = solution.open().into_iter().map(CalibrationParameter::label).collect();
@@ -87,16 +91,17 @@ pub fn described_lines(calibrated: &Calibrated) -> Vec<String> {
     let [offset, clock] = solution.times();
     lines.extend(offset.map(|(value, sigma)| format!("time offset: {:+.3} ± {:.3} ms", value * 1e3, sigma * 1e3)));
     lines.extend(clock.map(|(value, sigma)| format!("clock: {:+.3} ± {:.3} ppm", value * 1e6, sigma * 1e6)));
-    let walks = gyros(solution).zip(noise).map(|(gyro, walk)| format!("{} {walk:.5}", gyro.name()));
-    lines.push(format!("angle random walk: {} arcsec/√s", walks.collect::<Vec<_>>().join(", ")));
+    let walks = gyros(solution).zip(noise).map(|(gyro, walk)| format!("{} {}", gyro.name(), angle.fixed(*walk, 5)));
+    lines.push(format!("angle random walk: {} {}/√s", walks.collect::<Vec<_>>().join(", "), angle.name));
     lines.extend(solution.parity.iter().map(|own| {
         let weights: Vec<String> =
             own.weights.iter().map(|(gyro, weight)| format!("{weight:+.3} {}", gyro.name())).collect();
         format!(
-            "parity residual of {} over a window: rms {:.4} arcsec, by the noise {:.4}; largest {:.1} sigma at {:.1} s",
+            "parity residual of {} over a window: rms {} {}, by the noise {}; largest {:.1} sigma at {:.1} s",
             weights.join(" "),
-            own.rms_arcsec,
-            own.sigma_arcsec,
+            angle.fixed(own.rms_arcsec, 4),
+            angle.name,
+            angle.fixed(own.sigma_arcsec, 4),
             own.largest_sigmas,
             observations[own.largest].start_s
         )

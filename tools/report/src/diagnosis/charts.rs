@@ -45,20 +45,24 @@ fn end_s(diagnosis: &Diagnosis) -> f64 {
 /// The residual of a gyro before and after, over time.
 pub(super) fn residuals(diagnosis: &Diagnosis, gyro: Gyro) -> String {
     let name = gyro.name();
-    let [before, after] = &diagnosis.windowed;
-    let series = [("before", &before[gyro.index()]), ("after", &after[gyro.index()])];
+    let angle = diagnosis.configuration.device.angle_unit();
+    let [before, after] = diagnosis
+        .windowed
+        .each_ref()
+        .map(|all| -> Vec<f64> { all[gyro.index()].iter().map(|residual| residual / angle.arcsec).collect() });
+    let series = [("before", &before), ("after", &after)];
     let known = series.iter().flat_map(|(_, values)| values.iter()).filter(|value| value.is_finite());
     let (min, max) = known.fold((0.0f64, 0.0f64), |(min, max), value| (min.min(*value), max.max(*value)));
-    let span = (max - min).max(2.0);
+    let span = (max - min).max(2.0 / angle.arcsec);
     let end_s = end_s(diagnosis);
     // The strip of manoeuvres lies below the residual, inside the frame.
     let strip = (min - 0.24 * span, min - 0.1 * span);
-    let label = format!("Residual of {name} before and after, arcsec over seconds");
+    let label = format!("Residual of {name} before and after, {} over seconds", angle.name);
     let mut chart = Chart::new(&label, (860.0, 220.0), (0.0, end_s), (strip.0, max + 0.06 * span), 2)
         .in_group("time")
-        .units("s", "arcsec");
+        .units("s", angle.name);
     chart.y_ticks_from(min, 6);
-    chart.y_title("arcsec");
+    chart.y_title(angle.name);
     let left = diagnosis.unexplained.as_ref().filter(|left| left.gyros[gyro.index()]);
     if let Some(left) = left {
         let [from_s, to_s] = left.interval_s.map(|at_s| at_s.clamp(0.0, end_s));
@@ -87,7 +91,7 @@ pub(super) fn residuals(diagnosis: &Diagnosis, gyro: Gyro) -> String {
         if count == 0 {
             "unknown".to_owned()
         } else {
-            format!("{} arcsec rms", significant((sum / count as f64).sqrt(), 3))
+            format!("{} {} rms", significant((sum / count as f64).sqrt(), 3), angle.name)
         }
     };
     let left = left.map_or(String::new(), |left| {
@@ -132,17 +136,19 @@ fn runs(values: &[f64], end_s: f64, interval_s: f64) -> Vec<Vec<(f64, f64)>> {
 /// The gap of a gyro in each manoeuvre, before and after.
 pub(super) fn gap_bars(diagnosis: &Diagnosis, gyro: Gyro) -> String {
     let (name, segments) = (gyro.name(), &diagnosis.segments);
+    let angle = diagnosis.configuration.device.angle_unit();
     let [before, after] = diagnosis
         .segment_rms_arcsec
         .each_ref()
-        .map(|all| -> Vec<f64> { all.iter().map(|rms| rms[gyro.index()]).collect() });
-    let max = before.iter().chain(&after).copied().filter(|rms| rms.is_finite()).fold(1.0, f64::max) * 1.06;
-    let label = format!("Gap of {name} in each manoeuvre before and after, arcsec");
+        .map(|all| -> Vec<f64> { all.iter().map(|rms| rms[gyro.index()] / angle.arcsec).collect() });
+    let max =
+        before.iter().chain(&after).copied().filter(|rms| rms.is_finite()).fold(angle.arcsec.recip(), f64::max) * 1.06;
+    let label = format!("Gap of {name} in each manoeuvre before and after, {}", angle.name);
     let mut chart = Chart::new(&label, (480.0, 190.0), (0.4, segments.len() as f64 + 0.6), (0.0, max), 2)
         .counting_x()
         .in_group("manoeuvre");
     chart.y_ticks(5);
-    chart.y_title("arcsec rms");
+    chart.y_title(&format!("{} rms", angle.name));
     for (index, segment) in segments.iter().enumerate() {
         let at = (index + 1) as f64;
         for (class, rms, left, right) in [("before", &before, at - 0.42, at), ("after", &after, at, at + 0.42)] {
@@ -151,7 +157,7 @@ pub(super) fn gap_bars(diagnosis: &Diagnosis, gyro: Gyro) -> String {
                 class,
                 (left, 0.0),
                 (right, *rms),
-                &format!("{}, {class}: {rms:.2} arcsec", label_of(index, segment)),
+                &format!("{}, {class}: {rms:.*} {}", label_of(index, segment), angle.decimals(2), angle.name),
             );
         }
     }

@@ -7,10 +7,11 @@ pub mod text;
 
 use geu_diagnosis::model_selection::SelectionStep;
 use geu_diagnosis::null_distribution::FALSE_ALARM_RATE;
-use geu_diagnosis::outcome::{Chi2Fall, Class, DiagnosedEffect, Diagnosis, ReportedAlternative};
+use geu_diagnosis::outcome::{Chi2Fall, Class, DiagnosedEffect, Diagnosis, EstimatedValue, ReportedAlternative};
 use geu_diagnosis::residual_stats::ResidualStats;
 use geu_diagnosis::search::Candidate;
 use geu_diagnosis::{Verdict, report};
+use geu_model::units::AngleUnit;
 use geu_protocol::template::Value;
 use geu_protocol::{Gyro, Gyros, map};
 
@@ -41,6 +42,7 @@ impl DiagnosisPage<'_> {
             found: self.found(),
             recordings: FALSE_ALARM_RATE.recip(),
             window: diagnosis.window(),
+            unit: self.angle().name,
             hint: CHART_HINT,
             is_unexplained: diagnosis.unexplained.is_some(),
             axes: axes_key(),
@@ -59,17 +61,29 @@ impl DiagnosisPage<'_> {
         html("Diagnosis of a recording", &filled(include_str!("page.html"), &values))
     }
 
+    fn angle(&self) -> AngleUnit {
+        self.diagnosis.configuration.device.angle_unit()
+    }
+
+    /// A value with one sigma, in brackets with the device's unit of angles.
+    fn value(&self, entry: &DiagnosedEffect, number: &EstimatedValue) -> String {
+        let text = report::with_sigma(number) + &report::converted(entry, number, self.angle());
+        escape(&text).replace('-', "−")
+    }
+
     fn of_class(&self, class: Class) -> impl Iterator<Item = &DiagnosedEffect> {
         self.diagnosis.entries.iter().filter(move |entry| entry.class == class)
     }
 
     fn verdict(&self) -> String {
         let Diagnosis { verdict, unexplained, before, after, .. } = self.diagnosis;
+        let angle = self.angle();
         let words = report::verdict(*verdict);
         let (word, why) = words.split_once(": ").unwrap_or((words, ""));
         let listed = |class: Class| -> Value {
             let entry = |entry: &DiagnosedEffect| {
-                let facts = report::facts(entry).into_iter().map(|(label, value)| map! { label: label, value: value });
+                let facts =
+                    report::facts(entry, angle).into_iter().map(|(label, value)| map! { label: label, value: value });
                 map! { heading: report::heading(entry), facts: facts.collect::<Value>() }
             };
             self.of_class(class).map(entry).collect()
@@ -86,7 +100,8 @@ impl DiagnosisPage<'_> {
             missing: listed(Class::MissingEffect),
             moved: listed(Class::Recalibration),
             left: left,
-            rms: [before.fitted.rms_arcsec, after.fitted.rms_arcsec],
+            rms: [before.fitted.rms_arcsec, after.fitted.rms_arcsec].map(|rms| rms / angle.arcsec),
+            unit: angle.name,
         };
         filled(include_str!("verdict.html"), &values)
     }
@@ -108,7 +123,7 @@ impl DiagnosisPage<'_> {
                         Some(unit) => format!("{}, {unit}", number.name),
                         None => number.name.clone(),
                     }),
-                    escape(&report::with_sigma(number)).replace('-', "−"),
+                    self.value(entry, number),
                     once(format!("{} %", fixed(100.0 * entry.gap_share, 1).replace('+', ""))),
                     once(chi2),
                 ]
@@ -124,12 +139,12 @@ impl DiagnosisPage<'_> {
     }
 
     fn manoeuvres(&self) -> String {
-        let [before, after] = &self.diagnosis.segment_rms_arcsec;
+        let ([before, after], angle) = (&self.diagnosis.segment_rms_arcsec, self.angle());
         let rows = self.diagnosis.segments.iter().enumerate().map(|(index, segment)| {
             let rms = |gyro: Gyro| {
                 let [before, after] =
                     [before, after].map(|all| all.get(index).map_or(f64::NAN, |rms| rms[gyro.index()]));
-                format!("{} → {}", arcsec(before), arcsec(after))
+                format!("{} → {}", angle_text(before, angle), angle_text(after, angle))
             };
             let mut row = vec![
                 format!("{} {}", index + 1, escape(&segment.name)),
@@ -142,8 +157,8 @@ impl DiagnosisPage<'_> {
         let gyros = self.diagnosis.gyros();
         let header = ["manoeuvre", "start, s", "length, s"].into_iter().chain(gyros.iter().map(|gyro| gyro.name()));
         let header: Vec<&str> = header.collect();
-        let caption = "Manoeuvres, and the residual within each before → after, arcsec rms";
-        table(caption, &header, rows)
+        let caption = format!("Manoeuvres, and the residual within each before → after, {} rms", angle.name);
+        table(&caption, &header, rows)
     }
 
     fn round(&self, number: usize, round: &SelectionStep) -> Value {
@@ -206,10 +221,11 @@ impl DiagnosisPage<'_> {
     }
 
     fn gap(&self) -> String {
+        let angle = self.angle();
         let row = |name: &str, gap: &ResidualStats| {
             let ResidualStats { rms_arcsec, max_arcsec, after_30min_arcsec, reduced_chi2, .. } = *gap;
             let mut row = vec![name.to_owned()];
-            row.extend([rms_arcsec, max_arcsec, after_30min_arcsec].map(arcsec));
+            row.extend([rms_arcsec, max_arcsec, after_30min_arcsec].map(|value| angle_text(value, angle)));
             row.push(if reduced_chi2.is_finite() { format!("{reduced_chi2:.3}") } else { "–".to_owned() });
             row
         };
@@ -220,8 +236,11 @@ impl DiagnosisPage<'_> {
             row("after, fitted", &after.fitted),
             row("after, held out", &after.held_out),
         ];
-        let caption = "The gap, arcsec within windows of 30 min over all gyros: fitted, and each third predicted from the other two";
-        table(caption, &["gap", "rms", "largest", "rms at the end", "χ² per degree of freedom"], rows)
+        let caption = format!(
+            "The gap, {} within windows of 30 min over all gyros: fitted, and each third predicted from the other two",
+            angle.name
+        );
+        table(&caption, &["gap", "rms", "largest", "rms at the end", "χ² per degree of freedom"], rows)
     }
 
     fn findings(&self) -> Option<String> {
@@ -265,9 +284,9 @@ fn gyros(gyros: &Gyros) -> String {
     if gyros.is_all() { "all".to_owned() } else { gyros.names().join(", ") }
 }
 
-/// A number of arcsec, or a dash.
-fn arcsec(value: f64) -> String {
-    if value.is_finite() { format!("{value:.2}").replace('-', "−") } else { "–".to_owned() }
+/// A number of arcsec in a unit of angles, or a dash.
+fn angle_text(arcsec: f64, angle: AngleUnit) -> String {
+    if arcsec.is_finite() { angle.fixed(arcsec, 2).replace('-', "−") } else { "–".to_owned() }
 }
 
 /// A number of sigmas in the colour of its strength.

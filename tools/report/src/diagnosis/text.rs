@@ -10,6 +10,7 @@ use geu_diagnosis::report::{alternative_name, facts, heading, labelled, on, quan
 use geu_diagnosis::residual_map::{SIGNIFICANT, VARIABLES, strongest};
 use geu_hypothesis::amplitude::AmplitudeRef;
 use geu_model::time_profile::{COURSES, TimeProfileSpec};
+use geu_model::units::AngleUnit;
 use geu_protocol::Gyro;
 
 /// Number of variables, and of motion segments, listed for each gyro.
@@ -43,13 +44,14 @@ fn of_class(diagnosis: &Diagnosis, class: Class) -> Vec<&DiagnosedEffect> {
 /// The report for a first reader: what was found, how sure, what else it could be, what to do next.
 pub fn summary(diagnosis: &Diagnosis) -> String {
     let (missing, moved) = (of_class(diagnosis, Class::MissingEffect), of_class(diagnosis, Class::Recalibration));
+    let angle = diagnosis.configuration.device.angle_unit();
     let mut text = wrapped("", &sentence(diagnosis, missing.len()));
     for (index, entry) in missing.iter().enumerate() {
-        text += &format!("\n{}. {}\n{}", index + 1, title(entry), labelled(3, &effect_facts(entry)));
+        text += &format!("\n{}. {}\n{}", index + 1, title(entry), labelled(3, &effect_facts(entry, angle)));
     }
     if !moved.is_empty() {
         text += "\nchanged calibration, no missing effect: `geu diagnose --out CONFIG` writes the new values\n";
-        text += &labelled(3, &moved.iter().flat_map(|entry| moved_facts(entry)).collect::<Vec<_>>());
+        text += &labelled(3, &moved.iter().flat_map(|entry| moved_facts(entry, angle)).collect::<Vec<_>>());
     }
     if let Some(left) = &diagnosis.unexplained {
         text += &format!("\nunexplained\n{}", labelled(3, &unexplained_facts(left)));
@@ -120,9 +122,9 @@ fn words(entry: &DiagnosedEffect) -> Option<String> {
     Some(amplitude.spec().title.to_owned() + &amplitude.kind.map_or(String::new(), course))
 }
 
-fn effect_facts(entry: &DiagnosedEffect) -> Vec<Fact> {
+fn effect_facts(entry: &DiagnosedEffect, angle: AngleUnit) -> Vec<Fact> {
     let mut facts: Vec<Fact> = words(entry).map(|words| fact("what", words)).into_iter().collect();
-    facts.extend(entry.parameters.iter().map(|number| fact(&number.name, quantity(entry, number))));
+    facts.extend(entry.parameters.iter().map(|number| fact(&number.name, quantity(entry, number, angle))));
     facts.push(fact("how sure", how_sure(entry)));
     facts.extend(held_out(entry).map(|words| fact("held out", words)));
     facts.push(fact("what else", what_else(entry)));
@@ -185,11 +187,11 @@ fn what_next(entry: &DiagnosedEffect) -> String {
 }
 
 /// Parameters of a changed calibration, a line each.
-fn moved_facts(entry: &DiagnosedEffect) -> Vec<Fact> {
+fn moved_facts(entry: &DiagnosedEffect, angle: AngleUnit) -> Vec<Fact> {
     let of = |number: &EstimatedValue| {
         let sure = number.sigma.map_or(String::new(), |sigma| format!(", {:.0} sigma", (number.value / sigma).abs()));
         let label = format!("{} {}", heading(entry).replace(':', ""), number.name);
-        (label, format!("changed by {}{sure}", quantity(entry, number)))
+        (label, format!("changed by {}{sure}", quantity(entry, number, angle)))
     };
     entry.parameters.iter().map(of).collect()
 }
@@ -217,6 +219,7 @@ fn finding(kind: &str, place: &str, text: &str) -> String {
 
 /// Everything found, with all alternatives and the places of the residual.
 pub fn whole(diagnosis: &Diagnosis) -> String {
+    let angle = diagnosis.configuration.device.angle_unit();
     let mut text = verdict(diagnosis.verdict).to_owned() + "\n";
     for (class, title) in [
         (Class::MissingEffect, "missing in the model"),
@@ -227,7 +230,7 @@ pub fn whole(diagnosis: &Diagnosis) -> String {
             text += &format!("\n{title}\n");
         }
         for entry in own {
-            text += &format!("{}{}", wrapped("  ", &heading(entry)), labelled(4, &facts(entry)));
+            text += &format!("{}{}", wrapped("  ", &heading(entry)), labelled(4, &facts(entry, angle)));
         }
     }
     if let Some(left) = &diagnosis.unexplained {
@@ -256,7 +259,8 @@ pub fn whole(diagnosis: &Diagnosis) -> String {
 
 /// The residual angle before and after.
 fn gap(diagnosis: &Diagnosis) -> String {
-    let within = format!("gap, arcsec within {}", diagnosis.window());
+    let angle = diagnosis.configuration.device.angle_unit();
+    let within = format!("gap, {} within {}", angle.name, diagnosis.window());
     let mut text = format!("\n{within:28}    rms      max   at the end   chi2/dof\n");
     for (name, gap) in [
         ("as configured", &diagnosis.before.fitted),
@@ -264,8 +268,11 @@ fn gap(diagnosis: &Diagnosis) -> String {
         ("the same held out", &diagnosis.after.held_out),
     ] {
         text += &format!(
-            "{name:24} {:10.2} {:8.2} {:12.2} {:10.3}\n",
-            gap.rms_arcsec, gap.max_arcsec, gap.after_30min_arcsec, gap.reduced_chi2
+            "{name:24} {:>10} {:>8} {:>12} {:10.3}\n",
+            angle.fixed(gap.rms_arcsec, 2),
+            angle.fixed(gap.max_arcsec, 2),
+            angle.fixed(gap.after_30min_arcsec, 2),
+            gap.reduced_chi2
         );
     }
     text

@@ -1,5 +1,7 @@
 //! Reports of diagnoses with given content.
 
+use std::sync::Arc;
+
 use geu_checks::Finding;
 use geu_diagnosis::Thresholds;
 use geu_diagnosis::measured::CHANNELS;
@@ -10,6 +12,7 @@ use geu_diagnosis::residual_stats::ResidualStats;
 use geu_diagnosis::signature_bank::HypothesisFamily;
 use geu_diagnosis::whitening::NoiseModel;
 use geu_model::Configuration;
+use geu_model::device::Device;
 use geu_protocol::Gyros;
 
 use super::*;
@@ -113,6 +116,19 @@ fn no_line_of_a_report_is_wider_than_the_width() {
         for text in [summary(&diagnosis), whole(&diagnosis)] {
             let wide: Vec<&str> = text.lines().filter(|line| line.chars().count() > WIDTH).collect();
             assert!(wide.is_empty(), "{wide:#?}");
+        }
+    }
+}
+
+#[test]
+fn values_and_the_gap_are_in_the_unit_of_the_device() {
+    let mut own = diagnosis(Verdict::Consistent, vec![entry("drift", Class::Recalibration, Vec::new())], 0);
+    own.configuration.device = Arc::new(Device::from_name("stim300").expect("a unit"));
+    for text in [summary(&own), whole(&own)] {
+        for part in
+            ["17.4 ± 1.5 arcsec/h (0.00483 ± 0.00042 deg/h)", "\ngap, deg within ", "  0.000389 0.001806     0.000639"]
+        {
+            assert!(text.contains(part), "{part:?} not in\n{text}");
         }
     }
 }
