@@ -35,6 +35,9 @@ pub struct ReferenceAttitude {
     pub start_ns: i64,
     /// The truth; its time 0 is `start_ns`.
     pub truth: Arc<RecordedAttitude>,
+    /// True for attitudes: the rotation from row to row is a turn about one axis. Of rates and turns the turn over a gap is not known, and a
+    /// sigma is that of the turn that ends at its row.
+    pub is_attitude: bool,
     /// Stated 1-sigma error of the attitude of each row of the truth, about each control axis; empty if the file states none.
     pub sigma_arcsec: Vec<[f64; 3]>,
     /// Time since `start_ns` and value of the temperatures of electronics and sensor, °C, where the file has them.
@@ -91,8 +94,8 @@ impl Trial {
 impl ReferenceAttitude {
     /// A truth that begins at `start_ns`: the motion alone.
     pub fn of_truth(start_ns: i64, truth: impl Into<Arc<RecordedAttitude>>) -> ReferenceAttitude {
-        let (sigma_arcsec, celsius, time_system, trials) = Default::default();
-        ReferenceAttitude { start_ns, truth: truth.into(), sigma_arcsec, celsius, time_system, trials }
+        let (is_attitude, sigma_arcsec, celsius, time_system, trials) = Default::default();
+        ReferenceAttitude { start_ns, truth: truth.into(), is_attitude, sigma_arcsec, celsius, time_system, trials }
     }
 
     /// Moves the motion later by a lag.

@@ -168,7 +168,7 @@ impl TrialRows {
         trials.iter_mut().for_each(|own| (own.from_s, own.to_s) = (own.from_s - start_s, own.to_s - start_s));
         trials.retain(|_| columns.trial.is_some());
         let reference = ReferenceAttitude::from_turns(file, all.base_ns.unwrap_or(0), &all.lines, None, truth)?;
-        Ok(ReferenceAttitude { sigma_arcsec: all.sigma_arcsec, celsius, trials, ..reference })
+        Ok(ReferenceAttitude { is_attitude, sigma_arcsec: all.sigma_arcsec, celsius, trials, ..reference })
     }
 
     /// The rows of all trials, of which each begins at an unknown attitude. Trials with times of their own follow one another.
