@@ -19,7 +19,7 @@ fn diagnosed(
     diagnosed_case(Case::drawn(&unit, Mix::Effects, seed, 0, Some(motion), Some(duration_s)), effects)
 }
 
-/// The same of a drawn recording with other effects.
+/// Exit code and JSON of the diagnosis of a drawn recording, with other effects.
 fn diagnosed_case(Case { plant, .. }: Case, effects: Vec<DeviceEffect>) -> (Option<i32>, Value) {
     let unit = plant.unit.clone();
     let recording = DevicePlant { effects, ..plant }.record(false);
