@@ -16,7 +16,12 @@ fn diagnosed(
     effects: Vec<DeviceEffect>,
 ) -> (Option<i32>, Value) {
     let unit = DeviceUnit::all().into_iter().find(|own| own.name == unit).expect("a unit");
-    let Case { plant, .. } = Case::drawn(&unit, Mix::Effects, seed, 0, Some(motion), Some(duration_s));
+    diagnosed_case(Case::drawn(&unit, Mix::Effects, seed, 0, Some(motion), Some(duration_s)), effects)
+}
+
+/// Exit code and JSON of the diagnosis of a drawn recording, with other effects.
+fn diagnosed_case(Case { plant, .. }: Case, effects: Vec<DeviceEffect>) -> (Option<i32>, Value) {
+    let unit = plant.unit.clone();
     let recording = DevicePlant { effects, ..plant }.record(false);
     let folder = tempfile::tempdir().expect("a folder");
     let [link, reference, json] = ["link", "reference.csv", "out.json"].map(|name| folder.path().join(name));
@@ -66,12 +71,23 @@ fn described_units_without_an_effect_are_consistent() {
 }
 
 #[test]
+fn a_fast_noisy_reference_shows_no_time_offset_and_no_coning() {
+    // A step of the time at the start of a vehicle's motion; products of a rate and an acceleration of a hand.
+    for run in [9, 4] {
+        let case = Case::drawn(&DeviceUnit::stim300(), Mix::Effects, 6, run, None, None);
+        let (code, diagnosis) = diagnosed_case(case, Vec::new());
+        assert_eq!((code, missing(&diagnosis)), (Some(0), vec![]), "{diagnosis}");
+        assert_eq!(diagnosis["verdict"], "consistent", "{diagnosis}");
+    }
+}
+
+#[test]
 fn effects_on_heads_of_described_units_are_named() {
     let step = injected("drift-step", &[1], &[("arcsec_per_h", 2000.0), ("time_s", 180.0)]);
     let (code, diagnosis) = diagnosed("tetrad", 72, DeviceMotionKind::Table, 420.0, step);
     assert_eq!((code, missing(&diagnosis)), (Some(0), vec![("drift-step".to_owned(), vec!["B".to_owned()])]));
     let late = injected("time-offset", &[], &[("seconds", 0.05)]);
-    let (code, diagnosis) = diagnosed("stim300", 73, DeviceMotionKind::Hand, 420.0, late);
+    let (code, diagnosis) = diagnosed("stim300", 73, DeviceMotionKind::Hand, 900.0, late);
     let all = ["X", "Y", "Z"].map(str::to_owned).to_vec();
     assert_eq!((code, missing(&diagnosis)), (Some(0), vec![("time-offset".to_owned(), all)]));
     let found = diagnosis["effects"][0]["parameters"]["seconds"]["value"].as_f64().expect("a number");

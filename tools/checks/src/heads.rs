@@ -146,8 +146,8 @@ fn constant_output(
     findings: &mut Vec<Finding>,
 ) -> Vec<WiringFault> {
     let mut faults = Vec::new();
-    for gyro in counts.gyros.gyros() {
-        let (head, axis) = (gyro.index(), matrix.row(gyro.index()).transpose());
+    let wrong_runs = |head: usize| {
+        let axis = matrix.row(head).transpose();
         let angle = |node: usize| turned[node].map(|turned| axis.dot(&turned));
         let known: Vec<f64> = (0..turned.len()).filter_map(angle).collect();
         let range = known.iter().copied().fold(f64::NEG_INFINITY, f64::max)
@@ -174,8 +174,13 @@ fn constant_output(
         };
         let is_wrong =
             |run: &&ConstantRun| unseen(run.from, run.to) > limit || run.samples >= STUCK_SAMPLES && is_noiseless(run);
-        let own: Vec<&ConstantRun> = constant.iter().filter(|run| run.gyro == head).filter(is_wrong).collect();
-        let [low, high] = [-1.0, 1.0].map(|sign| output_limit(&own, &extremes[head], sign));
+        constant.iter().filter(|run| run.gyro == head).filter(is_wrong).collect()
+    };
+    let wrong: Vec<Vec<&ConstantRun>> = (0..counts.gyros.heads()).map(wrong_runs).collect();
+    let limits = limits(wrong.iter().flatten().map(|run| run.arcsec.abs()).collect());
+    for (gyro, own) in counts.gyros.gyros().zip(wrong) {
+        let head = gyro.index();
+        let [low, high] = [-1.0, 1.0].map(|sign| output_limit(&limits, &extremes[head], sign));
         let is_limit = |arcsec: f64| arcsec.is_finite() && (arcsec >= high || arcsec <= low);
         let is_stuck = |run: &&ConstantRun| run.samples >= STUCK_SAMPLES && !is_limit(run.arcsec);
         let stuck: Vec<&ConstantRun> = own.into_iter().filter(is_stuck).collect();
@@ -214,13 +219,21 @@ fn constant_output(
     faults
 }
 
-/// The value at which an output stays in several runs, and which few nodes exceed, to the side of a sign; infinite without one.
-fn output_limit(runs: &[&ConstantRun], extremes: &[[f64; 2]], sign: f64) -> f64 {
-    let farthest = runs.iter().map(|run| sign * run.arcsec).fold(f64::NEG_INFINITY, f64::max);
-    let count = runs.iter().filter(|run| sign * run.arcsec == farthest).count();
-    let beyond = |own: &&[f64; 2]| own.iter().any(|arcsec| arcsec.is_finite() && sign * arcsec > farthest);
-    let is_exceeded = extremes.iter().filter(beyond).count() as f64 > EXCEEDED_SHARE * extremes.len() as f64;
-    if count >= CLIPPED_RUNS && !is_exceeded { sign * farthest } else { sign * f64::INFINITY }
+/// Sizes at which output stays in several runs of all heads: a head may reach the limit of the unit once.
+fn limits(mut sizes: Vec<f64>) -> Vec<f64> {
+    sizes.sort_by(f64::total_cmp);
+    let several = sizes.chunk_by(|one, next| one == next).filter(|same| same.len() >= CLIPPED_RUNS && same[0] > 0.0);
+    several.map(|same| same[0]).collect()
+}
+
+/// The smallest of these limits, in rising order, that a head reaches to the side of a sign, and that few nodes exceed; infinite without one.
+fn output_limit(limits: &[f64], extremes: &[[f64; 2]], sign: f64) -> f64 {
+    let nodes = |is: &dyn Fn(f64) -> bool| extremes.iter().filter(|own| own.iter().any(|own| is(sign * own))).count();
+    let is_limit = |limit: &&f64| {
+        let exceeded = nodes(&|own| own.is_finite() && own > **limit);
+        nodes(&|own| own == **limit) > 0 && exceeded as f64 <= EXCEEDED_SHARE * extremes.len() as f64
+    };
+    sign * limits.iter().find(is_limit).copied().unwrap_or(f64::INFINITY)
 }
 
 /// A wiring fault that the comparison with the reference shows.
@@ -304,4 +317,24 @@ fn exchange(
         findings.push(Finding { kind: found.code(), place: names.join(", "), text });
     }
     faults
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn heads_have_the_limit_of_all_that_they_reach_and_do_not_exceed() {
+        // Two runs at a limit, of any heads and signs; one stuck elsewhere, two at 0.
+        let limits = limits(vec![25.0, 3.0, 0.0, 25.0, 0.0]);
+        assert_eq!(limits, [25.0]);
+        let mut extremes = vec![[-4.0, 4.0]; 5000];
+        assert_eq!(output_limit(&limits, &extremes, 1.0), f64::INFINITY);
+        extremes[7] = [-25.0, 1.0];
+        assert_eq!([-1.0, 1.0].map(|sign| output_limit(&limits, &extremes, sign)), [-25.0, f64::INFINITY]);
+        extremes[8] = [-40.0, 1.0];
+        assert_eq!(output_limit(&limits, &extremes, -1.0), -25.0);
+        extremes[10..20].fill([-30.0, 1.0]);
+        assert_eq!(output_limit(&limits, &extremes, -1.0), f64::NEG_INFINITY);
+    }
 }

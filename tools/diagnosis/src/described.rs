@@ -33,8 +33,8 @@ pub fn diagnose_device(
     }
     let device = Arc::new(nominal.device.at_nodes(recording.counts.interval_s));
     let nominal = Configuration { device, ..nominal.clone() };
-    if reference.row_s > MAX_ROW_S {
-        return Err(MeasuredError::LongRows { row_s: reference.row_s });
+    if reference.row_s() > MAX_ROW_S {
+        return Err(MeasuredError::LongRows { row_s: reference.row_s() });
     }
     let matrix = sensing_matrix(&nominal);
     let mut raw = recording.counts.clone();

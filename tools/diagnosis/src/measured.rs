@@ -32,6 +32,7 @@ pub use smoothed_reference::SmoothedReference;
 use model_cache::ModelCache;
 use series::{TIMING_UNIT_S, without};
 use temperature::between_readings;
+use turns::without_coning;
 
 /// Nodes averaged into one block, of the default unit 5 s. Rounding and the limit cycle average out; a missing effect changes an angle over
 /// minutes.
@@ -165,6 +166,8 @@ impl MeasuredData {
         readings.for_each(|celsius| *celsius = between_readings(celsius));
         let start_s = (reference.start_ns - counts.start_ns) as f64 * 1e-9 + lag_s;
         let (sigma_arcsec, reference_trials) = (&reference.sigma_arcsec, &reference.trials);
+        // The model of the default unit turns about one axis in each interval, too.
+        let is_turned = reference.is_attitude && counts.gyros.unit() != Gyros::ALL;
         let reference = RecordedAttitude::clone(&reference.truth).starting_at(start_s);
         // Only within the reference, not at its ends, is the interpolating spline accurate.
         let is_covered = |node: usize| (start_s..=reference.end_s()).contains(&counts.node_s[node]);
@@ -201,12 +204,11 @@ impl MeasuredData {
         let common_s = (counts.end_s().min(reference.end_s()) - start_s.max(0.0)).max(0.0);
         let [good_s, min_s] = [good, MIN_BLOCKS].map(|count| (count * BLOCK) as f64 * counts.interval_s);
         if covered < MIN_BLOCKS {
-            let at = counts.start_s();
             return Err(MeasuredError::NoOverlap {
-                from_s: at,
-                to_s: at + counts.end_s(),
-                reference_from_s: at + start_s,
-                reference_to_s: at + reference.end_s(),
+                from_s: counts.start_s(),
+                to_s: counts.start_s() + counts.end_s(),
+                reference_from_s: counts.start_s() + start_s,
+                reference_to_s: counts.start_s() + reference.end_s(),
                 common_s,
                 min_s,
             });
@@ -219,7 +221,8 @@ impl MeasuredData {
             SmoothedReference::new(&counts, &reference, sigma_arcsec, calibrated, samples / BLOCK)
         });
         smoothed.iter().for_each(|smoothed| leave_out_without_rows(smoothed, &mut blocks));
-        let reference = Arc::new(smoothed.as_ref().map_or(reference, |smoothed| smoothed.motion.clone()));
+        let exact = || if is_turned { without_coning(reference) } else { reference };
+        let reference = Arc::new(smoothed.as_ref().map_or_else(exact, |smoothed| smoothed.motion.clone()));
         Ok(MeasuredData {
             counts,
             reference,

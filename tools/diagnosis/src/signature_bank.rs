@@ -13,6 +13,7 @@ use std::sync::Arc;
 
 use geu_model::Configuration;
 use geu_model::effect::discovered::Formula;
+use geu_model::effect::{Effect, TimeOffset};
 use geu_model::parameter_spec::{DefaultValue, ParameterSpec, Role};
 use geu_model::time_profile::COURSES;
 use rayon::prelude::*;
@@ -21,6 +22,7 @@ use crate::course_products::ProductCache;
 pub use crate::courses::Variation;
 use crate::courses::{Courses, Mode, is_onset, is_switch, put};
 use crate::measured::{CHANNELS, MeasuredData, Shifts, TIMING};
+use crate::normal_equations::Nuisance;
 use geu_hypothesis::Hypothesis;
 use geu_hypothesis::amplitude::{AmplitudeRef, AmplitudeSource, is_real};
 use geu_protocol::Gyros;
@@ -169,6 +171,13 @@ impl SignatureBank {
             })
             .collect();
         bank
+    }
+
+    /// Takes the signature of the lag for a time offset: by the noise of a reference in their difference a time offset would explain noise.
+    pub fn set_lag(&mut self, lag: &Nuisance) {
+        for base in self.bases.iter_mut().filter(|base| base.amplitude.code() == TimeOffset::SPEC.code) {
+            base.series = lag.each_ref().map(|own| own.as_deref().unwrap_or_default().into());
+        }
     }
 
     /// Amplitudes with exact computed signatures only, and how time courses act on them.

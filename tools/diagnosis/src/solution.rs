@@ -37,7 +37,7 @@ const EVIDENT_CHI2: f64 = 100.0;
 const PAIR_ROUNDS: usize = 3;
 /// Version of the search beside the model's lists. It changes with grids, families and null recordings, so that stored thresholds never
 /// apply to another search.
-const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 36");
+const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 37");
 
 /// Options of a diagnosis.
 pub struct DiagnosisOptions<'a> {
@@ -102,10 +102,7 @@ impl<'a> Solution<'a> {
         let start = case.start(noise);
         let correlation = |path: &ModelRun| if has_counts { correlation_with_motion(measured, path) } else { 0.0 };
         let is_loop = correlation(&path) > CLOSED_LOOP;
-        let mut whole = SignatureBank::new(measured, nominal);
-        if has_noisy_motion(measured, nominal) {
-            whole = whole.without_filters_of_motion();
-        }
+        let whole = signatures(&case);
         case.linear = LinearSignatures::new(whole.linear());
         // The reference of a described unit may be as noisy as its gyros, and its motion may be taken from them.
         let contains_noise = !has_counts || is_loop || !nominal.device.is_iras();
@@ -234,6 +231,15 @@ impl<'a> Solution<'a> {
         let paths = [&fitted, &self.selected.state].map(|state| self.case.run(state));
         self.case.measured.dequantised(&paths, walks)
     }
+}
+
+/// Signatures of the catalogue on a recording.
+fn signatures(case: &DiagnosisCase) -> SignatureBank {
+    let mut bank = SignatureBank::new(case.measured, case.nominal);
+    if !case.nominal.device.is_iras() {
+        bank.set_lag(&case.nuisances[case.nuisances.len() - 1]);
+    }
+    if has_noisy_motion(case.measured, case.nominal) { bank.without_filters_of_motion() } else { bank }
 }
 
 /// Calibration parameters and lag fitted without an effect, beside the error of the clock by which the nodes are dated.

@@ -246,7 +246,8 @@ pub(crate) fn parse(
         return Err(place.wrong("message", "a segment of data up to DATA_STOP", "the end of the file"));
     };
     let truth = RecordedAttitude::new(&rows);
-    ReferenceAttitude::from_turns(name, start_ns.unwrap_or(0), &lines, Some(layout.time_system), truth)
+    let turns = ReferenceAttitude::from_turns(name, start_ns.unwrap_or(0), &lines, Some(layout.time_system), truth)?;
+    Ok(ReferenceAttitude { is_attitude: true, ..turns })
 }
 
 /// An epoch, calendar or day of year, as ns since 1970 in its own time system.

@@ -35,6 +35,9 @@ pub struct ReferenceAttitude {
     pub start_ns: i64,
     /// The truth; its time 0 is `start_ns`.
     pub truth: Arc<RecordedAttitude>,
+    /// True for attitudes: the rotation from row to row is a turn about one axis. Of rates and turns the turn over a gap is not known, and a
+    /// sigma is that of the turn that ends at its row.
+    pub is_attitude: bool,
     /// Stated 1-sigma error of the attitude of each row of the truth, about each control axis; empty if the file states none.
     pub sigma_arcsec: Vec<[f64; 3]>,
     /// Time since `start_ns` and value of the temperatures of electronics and sensor, °C, where the file has them.
@@ -43,8 +46,6 @@ pub struct ReferenceAttitude {
     pub time_system: Option<String>,
     /// In order of time; empty without a column `trial` or `group`.
     pub trials: Vec<Trial>,
-    /// Median length of the rows, s, of rates and turns: the motion within a row is not known. 0 for attitudes.
-    pub row_s: f64,
     /// Stated 1-sigma error of the turn of each row of the truth about each control axis, of rates and turns; empty if the file states none.
     pub turn_sigma_arcsec: Vec<[f64; 3]>,
 }
@@ -95,9 +96,26 @@ impl Trial {
 impl ReferenceAttitude {
     /// A truth that begins at `start_ns`: the motion alone.
     pub fn of_truth(start_ns: i64, truth: impl Into<Arc<RecordedAttitude>>) -> ReferenceAttitude {
-        let (sigma_arcsec, turn_sigma_arcsec, celsius, time_system, trials) = Default::default();
-        let (truth, row_s) = (truth.into(), 0.0);
-        ReferenceAttitude { start_ns, truth, sigma_arcsec, celsius, time_system, trials, row_s, turn_sigma_arcsec }
+        let (is_attitude, sigma_arcsec, turn_sigma_arcsec, celsius, time_system, trials) = Default::default();
+        let truth = truth.into();
+        ReferenceAttitude {
+            start_ns,
+            truth,
+            is_attitude,
+            sigma_arcsec,
+            turn_sigma_arcsec,
+            celsius,
+            time_system,
+            trials,
+        }
+    }
+
+    /// Median length of the rows, s, of rates and turns: the motion within a row is not known. 0 for attitudes.
+    pub fn row_s(&self) -> f64 {
+        let ends_s: Vec<f64> = self.truth.rows().map(|row| row.0).collect();
+        let mut lengths_s: Vec<f64> = ends_s.windows(2).map(|ends| ends[1] - ends[0]).collect();
+        let middle = lengths_s.len() / 2;
+        if self.is_attitude { 0.0 } else { *lengths_s.select_nth_unstable_by(middle, f64::total_cmp).1 }
     }
 
     /// Moves the motion later by a lag.

@@ -172,7 +172,7 @@ fn ends_s(truth: &RecordedAttitude, offset_s: f64) -> Vec<f64> {
 
 /// True if the motion between nodes is not known.
 fn has_long_rows(counts: &AccumulatedCounts, reference: &ReferenceAttitude) -> bool {
-    reference.row_s > LONG_ROW_NODES * counts.interval_s
+    reference.row_s() > LONG_ROW_NODES * counts.interval_s
 }
 
 /// The same from the residuals of the windows, of which the walk explains all.

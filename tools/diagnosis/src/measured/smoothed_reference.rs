@@ -15,13 +15,13 @@ use geu_calibration::track::rotation_of_heads;
 use geu_calibration::transfer::sensing_matrix;
 use geu_checks::median;
 use geu_model::Configuration;
-use geu_model::attitude::{AttitudeRow, RecordedAttitude};
+use geu_model::attitude::RecordedAttitude;
 use geu_model::units::{ARCSEC_PER_RAD, SAMPLE_INTERVAL_S};
 use nalgebra::{DVector, MatrixXx3, UnitQuaternion, Vector3};
 
 use super::reference_sigma::{ReferenceSigma, with_rounding};
 use super::smoothing::{LineSums, Point, REACH_ROWS, REACHES, SHORT_REACHES, without_rounding};
-use super::turns::{accumulated, attitudes, coning_about_axes, turn};
+use super::turns::{accumulated, attitudes, coning_about_axes, recorded, turn};
 use super::{BLOCK, TIMING, nodes};
 
 /// Spacing of rows up to which an exact reference is used as it is, in intervals of the nodes.
@@ -275,22 +275,6 @@ fn rotation(
         (sum, coning)
     };
     (0..counts.node_s.len()).map(&mut of_node).unzip()
-}
-
-/// A motion with these accumulated angles at the nodes, and θ and ψ of the reference.
-fn recorded(node_s: &[f64], angles: &[Vector3<f64>], reference: &RecordedAttitude) -> Option<RecordedAttitude> {
-    let mut near = 0;
-    let row = |node: usize| {
-        let before = angles[node.saturating_sub(1)];
-        let moment = reference.knows_sun().then(|| reference.at(node_s[node], &mut near).1);
-        AttitudeRow {
-            t_s: node_s[node],
-            angle_control_arcsec: (angles[node] - before).into(),
-            theta_psi_rad: moment.map(|moment| (moment.theta_rad, moment.psi_rad)),
-        }
-    };
-    let rows: Vec<AttitudeRow> = (0..node_s.len()).map(row).collect();
-    RecordedAttitude::new(&rows).ok()
 }
 
 /// Sigma of a row about a control axis from the median of the second differences, as a multiple of the stated one.

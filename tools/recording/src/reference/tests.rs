@@ -135,6 +135,7 @@ fn known_turns_rest_and_gaps_are_as_stated() {
     let rows = "0,60,0,0,0,0.001\n60,65,0,0,90,0.01\n65,70,0,0,0,0\n72,77,0,0,-45,0.01\n77,80,0,0,0,0\n";
     let turns = read(&format!("{header}\n{rows}")).expect("turns");
     let truth = &turns.truth;
+    assert!(!turns.is_attitude);
     for (t_s, deg) in
         [(0.0, 0.0), (31.4, 0.0), (60.0, 0.0), (65.0, 90.0), (67.3, 90.0), (72.0, 90.0), (77.0, 45.0), (79.0, 45.0)]
     {

@@ -159,7 +159,6 @@ impl TrialRows {
             false => own.divided(columns.kind == MotionKind::Rate, allows_all),
         };
         let (all, mut trials) = TrialRows::joined(trials.into_iter().map(points).collect(), has_own_times);
-        let row_s = median_spacing_s(&all.rows).filter(|_| !is_attitude).unwrap_or(0.0);
         let truth = match all.unknown.is_empty() && (is_attitude || columns.start.is_none()) {
             true => RecordedAttitude::with_gaps(&all.rows),
             false => RecordedAttitude::with_unknown_turns(&all.rows, all.unknown, is_attitude),
@@ -174,7 +173,7 @@ impl TrialRows {
         let reference = ReferenceAttitude::from_turns(file, all.base_ns.unwrap_or(0), &all.lines, None, truth)?;
         let [sigma_arcsec, turn_sigma_arcsec] =
             if is_attitude { [all.sigma_arcsec, Vec::new()] } else { [Vec::new(), all.sigma_arcsec] };
-        Ok(ReferenceAttitude { sigma_arcsec, turn_sigma_arcsec, celsius, trials, row_s, ..reference })
+        Ok(ReferenceAttitude { is_attitude, sigma_arcsec, turn_sigma_arcsec, celsius, trials, ..reference })
     }
 
     /// The rows of all trials, of which each begins at an unknown attitude. Trials with times of their own follow one another.
