@@ -88,6 +88,8 @@ pub struct AccumulatedCounts {
     pub interval_s: f64,
     /// Multiple that the sum of each gyro is rounded to, in units of the sum; 0 for none.
     pub rounded_to: Vec<f64>,
+    /// Angle random walk of each gyro by the rounding of rates that stay, in units of the sum per √s; 0 for increments.
+    pub rounding_walk: Vec<f64>,
     /// Time of node 0, ns, on the time scale of the capture.
     pub start_ns: i64,
     /// True for receive times; else the times are those of the unit's own clock.
@@ -148,6 +150,7 @@ impl AccumulatedCounts {
             gyros,
             interval_s,
             rounded_to: vec![0.0; gyros.heads()],
+            rounding_walk: vec![0.0; gyros.heads()],
             start_ns,
             is_received: false,
             node_s: vec![0.0],
@@ -226,6 +229,7 @@ impl AccumulatedCounts {
         let of_others = self.coning.iter_mut().map(|own| &mut own[gyro]);
         of_others.chain([&mut self.accumulated[gyro]]).flatten().for_each(|value| *value *= factor);
         self.rounded_to[gyro] *= factor.abs();
+        self.rounding_walk[gyro] *= factor.abs();
         self.coning.get_mut(gyro).into_iter().flatten().flatten().for_each(|value| *value *= factor);
     }
 
@@ -233,6 +237,7 @@ impl AccumulatedCounts {
     pub fn exchange(&mut self, one: usize, other: usize) {
         self.accumulated.swap(one, other);
         self.rounded_to.swap(one, other);
+        self.rounding_walk.swap(one, other);
         if !self.coning.is_empty() {
             self.coning.swap(one, other);
             self.coning.iter_mut().for_each(|own| own.swap(one, other));

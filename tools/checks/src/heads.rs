@@ -43,6 +43,7 @@ struct SampleValues {
     constant: Vec<ConstantRun>,
     extremes: Vec<Vec<[f64; 2]>>,
     steps: Vec<f64>,
+    rate_arcsec: Vec<f64>,
 }
 
 /// Checks the recording of a described unit. Rows without receive times begin with the reference.
@@ -53,7 +54,7 @@ pub fn check_heads(
 ) -> HeadCheck {
     let matrix = sensing_matrix(configuration);
     let mut findings = samples(&recording);
-    let DeviceRecording { mut counts, constant, extremes, steps, .. } = recording;
+    let DeviceRecording { mut counts, constant, extremes, steps, rate_arcsec, .. } = recording;
     let turned = turns(&counts, reference);
     let heads = counts.gyros.heads();
     // What a run of one value does not show of the turn is known in the right unit.
@@ -75,8 +76,8 @@ pub fn check_heads(
         findings.push(Finding { kind: Finding::UNIT_FACTOR.to_owned(), place, text });
         counts.multiply(head, 1.0 / exact(factor));
     }
-    let mut faults =
-        constant_output(&mut counts, &SampleValues { constant, extremes, steps }, &turned, &matrix, &mut findings);
+    let values = SampleValues { constant, extremes, steps, rate_arcsec };
+    let mut faults = constant_output(&mut counts, &values, &turned, &matrix, &mut findings);
     let found: Vec<Option<Follows>> =
         (0..heads).map(|head| Follows::find(head, &counts, &[], &turned, &matrix, configuration)).collect();
     let by_own: Vec<Follows> = (0..heads).map(|head| found[head].unwrap_or(Follows::nominal(head))).collect();
@@ -140,7 +141,7 @@ fn turns(counts: &AccumulatedCounts, reference: &ReferenceAttitude) -> Vec<Optio
 /// Leaves out constant output while the unit turns; returns the heads that stand out by it.
 fn constant_output(
     counts: &mut AccumulatedCounts,
-    SampleValues { constant, extremes, steps }: &SampleValues,
+    SampleValues { constant, extremes, steps, rate_arcsec }: &SampleValues,
     turned: &[Option<Vector3<f64>>],
     matrix: &MatrixXx3<f64>,
     findings: &mut Vec<Finding>,
@@ -177,6 +178,12 @@ fn constant_output(
         constant.iter().filter(|run| run.gyro == head).filter(is_wrong).collect()
     };
     let wrong: Vec<Vec<&ConstantRun>> = (0..counts.gyros.heads()).map(wrong_runs).collect();
+    for (head, size_arcsec) in rate_arcsec.iter().enumerate() {
+        // A rate that stays for n samples is off by the rounding of one of them, n times.
+        let kept = constant.iter().filter(|run| run.gyro == head && !wrong[head].contains(run));
+        let variance: f64 = kept.map(|run| (run.samples as f64 * size_arcsec).powi(2) / 12.0).sum();
+        counts.rounding_walk[head] = (variance / counts.end_s()).sqrt();
+    }
     let limits = limits(wrong.iter().flatten().map(|run| run.arcsec.abs()).collect());
     for (gyro, own) in counts.gyros.gyros().zip(wrong) {
         let head = gyro.index();

@@ -136,7 +136,7 @@ impl Report<'_> {
             selected.reset_noise(case, &unexplained_gyros);
             left = selected.normal.projected_residual();
         }
-        findings.extend(smaller_noise(measured, &left));
+        findings.extend(smaller_noise(case, &left));
         findings.extend(walking_drifts(case, &selected.state));
         let noises = self.entries.noises(&selected);
         let effects_end = entries.iter().take_while(|entry| entry.class == Class::MissingEffect).count();
@@ -352,8 +352,10 @@ fn glitches(smoothed: &SmoothedReference) -> Option<Finding> {
 }
 
 /// The finding of random walks that are configured larger than they are. Angles estimated from counts are closer to the model than noise.
-fn smaller_noise(measured: &MeasuredData, left: &Series) -> Option<Finding> {
-    let of_gyro = |gyro: usize| if measured.weights[gyro].is_none() { moment(&left[gyro], 2) } else { 0.0 };
+fn smaller_noise(case: &DiagnosisCase, left: &Series) -> Option<Finding> {
+    let measured = case.measured;
+    let is_configured = |gyro: usize| measured.weights[gyro].is_none() && noise::is_declared(case.nominal, gyro);
+    let of_gyro = |gyro: usize| if is_configured(gyro) { moment(&left[gyro], 2) } else { 0.0 };
     let variances: Vec<f64> = (0..measured.gyros().heads()).map(of_gyro).collect();
     let is_smaller = measured.gyros().filter(|gyro| variances[gyro] > 0.0 && variances[gyro] < SMALLER_VARIANCE);
     let times = variances.into_iter().filter(|variance| *variance < SMALLER_VARIANCE).fold(0.0, f64::max).sqrt();

@@ -112,6 +112,7 @@ pub fn configured(
         if effects.is_some() && !is_declared(configuration, channel) {
             let blocks = &measured.blocks[channel];
             let (white, angle_walk) = differences::noise(&residual[channel], blocks, &rounding[channel], block_s);
+            let angle_walk = angle_walk.hypot(measured.counts.rounding_walk[channel]);
             let white = white.max(min_white(measured, channel));
             return NoiseModel { white, angle_walk, rate_walk: 0.0, scale_walk: 0.0, flicker: 0.0 };
         }

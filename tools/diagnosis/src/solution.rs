@@ -172,7 +172,11 @@ impl<'a> Solution<'a> {
         }
         let left = selected.normal.projected_residual();
         let limits = kurtosis_limits(case, &selected.state, &selected.normal, seed);
-        let is_uneven = case.measured.gyros().filter(|gyro| kurtosis(&left[gyro]) > limits[gyro]);
+        // The rounding of rates that stay is not normal, whatever its size.
+        let is_rounding =
+            |gyro: usize| 2.0 * case.measured.counts.rounding_walk[gyro].powi(2) > start.noise[gyro].angle_walk.powi(2);
+        let is_uneven = |gyro: usize| kurtosis(&left[gyro]) > limits[gyro] && !is_rounding(gyro);
+        let is_uneven = case.measured.gyros().filter(is_uneven);
         if is_uneven.is_empty() {
             return None;
         }

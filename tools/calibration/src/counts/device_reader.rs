@@ -3,7 +3,7 @@
 //! A unit of many samples per second has nodes at every few samples, as many in a recording as the default unit has.
 //! The rows of a table keep their own lengths: the angle between their ends is interpolated at the nodes.
 
-use geu_model::device::{Device, Output};
+use geu_model::device::{Device, Head, Output};
 use geu_protocol::Gyros;
 use geu_protocol::capture::Timestamp;
 use geu_protocol::continuity::MAX_MISSING;
@@ -54,6 +54,8 @@ pub struct DeviceRecording {
     pub extremes: Vec<Vec<[f64; 2]>>,
     /// Smallest change of each gyro from sample to sample, arcsec.
     pub steps: Vec<f64>,
+    /// Size of a count of each rate, arcsec over a sample; 0 for increments and real numbers.
+    pub rate_arcsec: Vec<f64>,
     /// Outliers that are left out, for each gyro.
     pub outliers: Vec<u64>,
     pub samples: u64,
@@ -120,6 +122,8 @@ pub struct DeviceCountsReader {
     recording: Extras,
     /// Trials of the reference, and its start, ns.
     trials: (Vec<Trial>, i64),
+    /// See [`DeviceRecording`].
+    rate_arcsec: Vec<f64>,
     /// Name of the trial of the last row.
     trial: String,
 }
@@ -141,6 +145,8 @@ impl DeviceCountsReader {
     pub fn new(device: &Device, reference: &ReferenceAttitude) -> DeviceCountsReader {
         let gyros = device.all_gyros();
         let mut counts = AccumulatedCounts::of_unit(gyros, device.interval_s, 0);
+        let is_rate = |head: &Head| head.is_rounded && device.output == Output::Rate;
+        let rate_arcsec = |head: &Head| if is_rate(head) { head.count_arcsec } else { 0.0 };
         for (rounded_to, head) in counts.rounded_to.iter_mut().zip(&device.heads) {
             let is_rounded = head.is_rounded && device.output == Output::Increment;
             *rounded_to = if is_rounded { head.count_arcsec } else { 0.0 };
@@ -160,6 +166,7 @@ impl DeviceCountsReader {
             recent: vec![Recent::NONE; gyros.heads()],
             recording: Extras { outliers: vec![0; gyros.heads()], ..Extras::default() },
             trials: (reference.trials.clone(), reference.start_ns),
+            rate_arcsec: device.heads.iter().map(rate_arcsec).collect(),
             trial: String::new(),
         }
     }
@@ -300,6 +307,7 @@ impl DeviceCountsReader {
             constant,
             extremes,
             steps,
+            rate_arcsec: self.rate_arcsec,
             outliers,
             samples,
             missing,

@@ -10,6 +10,8 @@ use crate::whitening::NoiseModel;
 /// Lengths of averages, blocks, of which second differences are taken, and the minimum number of these.
 const LENGTHS: [usize; 4] = [1, 2, 4, 8];
 const MIN_DIFFERENCES: usize = 12;
+/// Variance of differences of a residual without noise, counts²: below that of the smallest white noise.
+const NO_NOISE: f64 = 1e-9;
 
 /// White noise and angle random walk of a residual: the variance of second differences of averages over 1 to 8 blocks, of neighbours,
 /// is 6 w/n + n q for a white variance w and a growth q over a block. Medians, which no missing effect changes.
@@ -39,7 +41,7 @@ pub fn noise(residual: &[f64], blocks: &[Block], rounding: &[BlockRounding], blo
     // Weighted fit of white noise and walk, or of one alone; relative errors grow with the length.
     let (mut aa, mut ab, mut bb, mut ay, mut by) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for (length, variance) in &known {
-        let variance = (variance - rounded).max(1e-3 * variance).max(f64::MIN_POSITIVE);
+        let variance = (variance - rounded).max(1e-3 * variance).max(NO_NOISE);
         let (a, b, weight) = (6.0 / length / variance, length / variance, 1.0 / length);
         (aa, ab, bb) = (aa + weight * a * a, ab + weight * a * b, bb + weight * b * b);
         (ay, by) = (ay + weight * a, by + weight * b);
