@@ -40,6 +40,7 @@ mod serial_noise;
 mod skipped;
 mod tables;
 mod track;
+mod trials;
 mod truth;
 mod truth_conventions;
 mod truth_live;

@@ -10,7 +10,7 @@ use crate::calibrate::Calibrated;
 use crate::compare::{Comparison, PreviousCalibration};
 use crate::observe::ExcludedData;
 use crate::solve::{
-    CalibrationParameter, Observation, PER_GYRO, ParityOfHeads, Solution, UNKNOWNS, off_axes, values_of,
+    CalibrationParameter, Observation, PER_GYRO, ParityOfHeads, Solution, TrialDrift, UNKNOWNS, off_axes, values_of,
 };
 
 const AXES: [&str; 3] = ["x", "y", "z"];
@@ -82,6 +82,13 @@ pub fn json(calibrated: &Calibrated) -> Value {
         let noise = parameters.iter().step_by(PER_GYRO).zip(noise);
         json["angle_random_walk_arcsec_per_sqrt_s"] =
             noise.map(|(own, walk)| (own.gyro.name().to_owned(), json!(walk))).collect::<Map<_, _>>().into();
+        let trial = |own: &TrialDrift| {
+            let gyros = parameters.iter().step_by(PER_GYRO).zip(&own.drifts);
+            let value = |(value, sigma): (f64, f64)| json!({ "value": value, "sigma": sigma });
+            let gyros: Map<_, _> = gyros.map(|(one, drift)| (one.gyro.name().to_owned(), value(*drift))).collect();
+            json!({ "trial": own.trial, "drift_arcsec_per_half_s": gyros })
+        };
+        json["further_trials"] = solution.trial_drifts.iter().map(trial).collect();
         json["parity"] = solution.parity.iter().map(|own| parity(own, &observations[own.largest])).collect();
     }
     json

@@ -30,7 +30,7 @@ use covariance::covariances;
 pub(crate) use covariance::shared_covariance;
 pub use parameter::{BEFORE_LAUNCH, CalibrationParameter, PER_GYRO, UNKNOWNS, off_axes, own_axis, sensing_axis};
 pub use redundancy::ParityOfHeads;
-pub use solution::{Residual, Solution, probability, values, values_of};
+pub use solution::{Residual, Solution, TrialDrift, probability, values, values_of};
 pub use trials::TrialsOfObservations;
 
 /// Share of a prior sigma from which the sigma of a parameter shows that the data do not determine it.

@@ -179,7 +179,7 @@ fn constant_output(
     };
     let wrong: Vec<Vec<&ConstantRun>> = (0..counts.gyros.heads()).map(wrong_runs).collect();
     for (head, size_arcsec) in rate_arcsec.iter().enumerate() {
-        // A rate that stays for n samples is off by the rounding of one of them, n times.
+        // A rate that stays for n samples has n times the rounding error of a sample.
         let kept = constant.iter().filter(|run| run.gyro == head && !wrong[head].contains(run));
         let variance: f64 = kept.map(|run| (run.samples as f64 * size_arcsec).powi(2) / 12.0).sum();
         counts.rounding_walk[head] = (variance / counts.end_s()).sqrt();

@@ -368,7 +368,7 @@ fn smaller_noise(case: &DiagnosisCase, left: &Series) -> Option<Finding> {
     })
 }
 
-/// The finding of drifts that change more than those of gyros do, where the configuration states no noise.
+/// The finding of drifts that change more than any gyro's, where the configuration states no noise.
 fn walking_drifts(case: &DiagnosisCase, state: &ModelState) -> Option<Finding> {
     let minimum_s =
         |gyro: usize| early_minimum_s(&state.noise[gyro]).filter(|_| !noise::is_declared(case.nominal, gyro));

@@ -1,7 +1,9 @@
 //! A recording beside its reference: counts at nodes, receive times, temperatures and the reference motion, on one time scale whose 0
 //! is the start of the first sample interval.
 
+mod blocks;
 mod dequantised;
+mod error;
 mod model;
 mod model_cache;
 mod planned;
@@ -16,14 +18,17 @@ use geu_checks::median;
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use geu_calibration::{AccumulatedCounts, BreakKind, Discontinuity};
+use geu_calibration::AccumulatedCounts;
 use geu_model::Configuration;
 use geu_model::attitude::RecordedAttitude;
 use geu_protocol::Gyros;
 use geu_recording::ReferenceAttitude;
 
 use crate::trial_drifts::TrialDrifts;
+pub use blocks::{BLOCK, Block, nodes};
+use blocks::{begin_trials, covered_blocks, leave_out, leave_out_without_rows};
 use dequantised::{DequantisedAngles, dequantise};
+pub use error::{MAX_ROW_S, MeasuredError};
 pub use planned::PlannedMotion;
 pub use reference_sigma::ReferenceSigma;
 pub use series::{CHANNELS, ModelRun, Series, Shifts, TIMING};
@@ -34,75 +39,13 @@ use series::{TIMING_UNIT_S, without};
 use temperature::between_readings;
 use turns::without_coning;
 
-/// Nodes averaged into one block, of the default unit 5 s. Rounding and the limit cycle average out; a missing effect changes an angle over
-/// minutes.
-pub const BLOCK: usize = 10;
 /// Minimum usable number of blocks, of the default unit 10 min.
 const MIN_BLOCKS: usize = 120;
-
-/// Longest rows of rates and turns, s: a unit that is moved by hand or by a table turns otherwise within a longer one.
-pub const MAX_ROW_S: f64 = 2.0;
 
 /// Number of counts that may contradict a path: more, and it is not that of the gyro.
 const MAX_CONTRADICTIONS: usize = 20;
 /// Logarithm of the ratio of likelihoods from which a path with effects is preferred: more than any effect requires, χ² of 40.
 const LIKELIER: f64 = 20.0;
-
-/// Reason why a recording cannot be diagnosed.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum MeasuredError {
-    /// The recording has no sample.
-    #[error("the recording: expected samples, got none; `geu decode` prints its contents")]
-    Empty,
-    /// The common interval of recording and reference is too short.
-    #[error(
-        "the recording ({from_s:.1}…{to_s:.1} s) and the reference ({reference_from_s:.1}…{reference_to_s:.1} s): expected at least {min_s:.0} s in common, got {common_s:.1} s"
-    )]
-    NoOverlap {
-        /// Start of the recording.
-        from_s: f64,
-        /// End of the recording.
-        to_s: f64,
-        /// Start of the reference.
-        reference_from_s: f64,
-        /// End of the reference.
-        reference_to_s: f64,
-        /// Length of the common interval.
-        common_s: f64,
-        /// Minimum usable length.
-        min_s: f64,
-    },
-    /// The reference does not show the motion.
-    #[error(
-        "the reference: expected rows of rates or turns of at most {MAX_ROW_S} s, which show the motion, got {row_s:.1} s; `geu calibrate` takes longer ones"
-    )]
-    LongRows { row_s: f64 },
-    /// Too many samples of the common interval are not usable.
-    #[error(
-        "the recording: expected at least {min_s:.0} s of one gyro beside the reference, without lost, clipped or invalid samples, got {good_s:.0} s of {common_s:.0} s; `geu decode` lists the losses"
-    )]
-    Broken {
-        /// Usable length of the gyro that has the longest.
-        good_s: f64,
-        /// Length of the common interval.
-        common_s: f64,
-        /// Minimum usable length.
-        min_s: f64,
-    },
-}
-
-/// Ten nodes of one channel.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Block {
-    /// True if its nodes are usable.
-    pub is_good: bool,
-    /// True if, in addition, the reference has a row in it.
-    pub is_compared: bool,
-    /// True if the sum restarts in it or before it: the counts of a break are unknown.
-    pub restarts: bool,
-    /// True if a further trial begins in it: the drift is another one.
-    pub begins_trial: bool,
-}
 
 /// A recording beside its reference.
 #[derive(Debug, Clone)]
@@ -174,32 +117,14 @@ impl MeasuredData {
         let samples = counts.node_s.partition_point(|&node_s| node_s <= reference.end_s()).saturating_sub(1);
         let mut late = vec![f64::NAN; counts.node_s.len()];
         counts.received_late_s.iter().for_each(|&(node, late_s)| late[node] = late_s / TIMING_UNIT_S);
-        let block = |channel: usize, number: usize| match channel {
-            TIMING => {
-                let is_good = nodes(number).any(|node| !late[node].is_nan());
-                Block { is_good, is_compared: is_good, restarts: false, begins_trial: false }
-            }
-            _ => {
-                let is_good = nodes(number).all(is_covered);
-                Block { is_good, is_compared: is_good, restarts: !is_good, begins_trial: false }
-            }
-        };
-        let heads = counts.gyros.heads();
-        let mut blocks: [Vec<Block>; CHANNELS] = std::array::from_fn(|channel| {
-            let count = if channel < heads || channel == TIMING { samples / BLOCK } else { 0 };
-            (0..count).map(|number| block(channel, number)).collect()
-        });
+        let mut blocks = covered_blocks(&counts, samples, &late, is_covered);
         let good = |blocks: &[Vec<Block>; CHANNELS]| {
             let of_channel = |channel: &Vec<Block>| channel.iter().filter(|block| block.is_good).count();
             blocks[..TIMING].iter().map(of_channel).max().unwrap_or(0)
         };
         let covered = good(&blocks);
         leave_out(&counts.breaks, &mut blocks);
-        for trial in reference_trials.iter().skip(1) {
-            let number =
-                counts.node_s.partition_point(|&node_s| node_s <= start_s + trial.from_s).saturating_sub(1) / BLOCK;
-            blocks[..TIMING].iter_mut().filter_map(|own| own.get_mut(number)).for_each(|own| own.begins_trial = true);
-        }
+        begin_trials(&counts, reference_trials.iter().skip(1).map(|trial| start_s + trial.from_s), &mut blocks);
         let good = good(&blocks);
         let common_s = (counts.end_s().min(reference.end_s()) - start_s.max(0.0)).max(0.0);
         let [good_s, min_s] = [good, MIN_BLOCKS].map(|count| (count * BLOCK) as f64 * counts.interval_s);
@@ -351,36 +276,11 @@ impl MeasuredData {
     }
 }
 
-/// Nodes of a block: node 0 is the start.
-pub fn nodes(block: usize) -> std::ops::Range<usize> {
-    1 + block * BLOCK..1 + (block + 1) * BLOCK
-}
-
-/// Leaves blocks without a row of the reference out of the comparison.
-fn leave_out_without_rows(smoothed: &SmoothedReference, blocks: &mut [Vec<Block>; CHANNELS]) {
-    for channel in &mut blocks[..TIMING] {
-        channel.iter_mut().zip(&smoothed.departure).for_each(|(block, own)| block.is_compared &= own.is_some());
-    }
-}
-
-/// Leaves out the blocks of each channel that contain a break.
-fn leave_out(breaks: &[Discontinuity], blocks: &mut [Vec<Block>; CHANNELS]) {
-    for found in breaks {
-        let moves_times = matches!(found.kind, BreakKind::TimeJump | BreakKind::Jump | BreakKind::Reset);
-        let last = found.to.saturating_sub(1) / BLOCK;
-        for (index, channel) in blocks.iter_mut().enumerate() {
-            let is_affected = if index == TIMING { moves_times } else { found.gyros[index] };
-            for block in channel.iter_mut().take(last + 1).skip(found.from / BLOCK).filter(|_| is_affected) {
-                *block = Block { is_good: false, is_compared: false, restarts: true, ..*block };
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    use geu_calibration::{BreakKind, Discontinuity};
     use geu_model::attitude::AttitudeRow;
     use geu_model::units::SAMPLE_INTERVAL_S;
 

@@ -155,9 +155,9 @@ mod tests {
 
     #[test]
     fn a_jump_at_a_break_and_blocks_without_rows_are_no_gap() {
-        let row = Block { is_good: true, is_compared: true, restarts: false, begins_trial: false };
+        let row = Block::COMPARED;
         let no_row = Block { is_compared: false, ..row };
-        let broken = Block { is_good: false, is_compared: false, restarts: true, begins_trial: false };
+        let broken = Block::BROKEN;
         let blocks = [row, no_row, row, broken, row, row];
         // About 2: 1 and 1; about 100: 2 and 2.
         let averages = [1.0, 50.0, 3.0, 0.0, 98.0, 102.0];

@@ -65,18 +65,19 @@ impl TrialDrifts {
     }
 
     pub fn findings(&self, case: &DiagnosisCase) -> Vec<Finding> {
+        let angle = case.nominal.device.angle_unit();
         let finding = |trial: &TrialDrift| {
             let names = case.nominal.device.heads.iter().map(|head| head.gyro.name());
             let known = names.zip(&trial.drifts).filter(|(_, drift)| drift.1.is_finite());
             let value = |(name, (drift, sigma)): (&str, &(f64, f64))| {
-                format!("{name} {:+.1} ± {:.1}", drift * S_PER_H, sigma * S_PER_H)
+                format!("{name} {} ± {}", angle.fixed(drift * S_PER_H, 1), angle.fixed(sigma * S_PER_H, 1))
             };
             let values: Vec<String> = known.map(value).collect();
             let values = if values.is_empty() { "not known".to_owned() } else { values.join(", ") };
             Finding {
                 kind: "trial-drift".to_owned(),
                 place: format!("trial {}, {:.1}\u{2013}{:.1} s", trial.name, trial.from_s, trial.to_s),
-                text: format!("drift beside that of the first trial, arcsec/h: {values}"),
+                text: format!("drift beside that of the first trial, {}/h: {values}", angle.name),
             }
         };
         self.0.iter().map(finding).collect()
@@ -111,8 +112,8 @@ mod tests {
 
     #[test]
     fn the_slope_is_that_within_the_parts() {
-        let mut blocks = vec![Block { is_good: true, is_compared: true, restarts: false, begins_trial: false }; 40];
-        blocks[15] = Block { is_good: false, is_compared: false, restarts: true, begins_trial: false };
+        let mut blocks = vec![Block::COMPARED; 40];
+        blocks[15] = Block::BROKEN;
         let value = |block: usize| if block < 15 { 0.5 * block as f64 } else { 900.0 + 0.5 * block as f64 };
         let values: Vec<f64> = (0..40).map(value).collect();
         let noise = NoiseModel { white: 0.0, angle_walk: 0.1, rate_walk: 0.0, scale_walk: 0.0, flicker: 0.0 };

@@ -50,14 +50,14 @@ pub struct ReferenceAttitude {
     pub turn_sigma_arcsec: Vec<[f64; 3]>,
 }
 
-/// A trial of a recording: its attitude and the drifts of the gyros do not follow from those of another one.
+/// A trial of a recording: attitude and drifts are independent of other trials.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trial {
     pub name: String,
     /// First and last row, s since the start of the reference.
     pub from_s: f64,
     pub to_s: f64,
-    /// What is added to its own times, ns: trials with times of their own follow one another.
+    /// Added to the times of the trial, ns: trials with independent times follow one another.
     pub moved_ns: i64,
 }
 
@@ -86,7 +86,7 @@ enum Gaps {
 }
 
 impl Trial {
-    /// What is added to a time of the trial, ns on the scale of its table; `None` if the reference that starts at `start_ns` is far from it.
+    /// Shift of a time of the trial, ns; `None` if the reference, which starts at `start_ns`, is far from it.
     pub fn moved_ns(&self, start_ns: i64, t_ns: i64) -> Option<i64> {
         let since_s = (t_ns.saturating_add(self.moved_ns).saturating_sub(start_ns)) as f64 * 1e-9;
         (self.from_s - BESIDE_TRIALS_S..=self.to_s + BESIDE_TRIALS_S).contains(&since_s).then_some(self.moved_ns)

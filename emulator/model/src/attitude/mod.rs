@@ -9,6 +9,7 @@ mod manoeuvre;
 mod motion;
 mod profile;
 mod recorded;
+mod spline;
 mod streamed;
 mod sun;
 mod truth_numbers;

@@ -4,9 +4,13 @@
 //! instants of the file are exact, and those between its instants err by h⁴/384 of the fourth derivative: 0.0013″ for a
 //! limit cycle of 4″/s and 5 s on rows each 0.5 s. Straight lines would err by 0.16″.
 
+#[cfg(test)]
+mod tests;
+
 use std::sync::Arc;
 
 use super::MotionState;
+use super::spline::second_derivatives;
 use crate::units::{ARCSEC_PER_RAD, SUN_RATE_RAD_S};
 
 /// One row: what happened since the row before, where there is one.
@@ -95,7 +99,7 @@ pub struct RecordedAttitude {
     departure_arcsec: Vec<[f64; 2]>,
     /// Rows after a gap.
     gaps: Vec<usize>,
-    /// Those of them before which the turn is not known either.
+    /// The part of these before which the turn is not known either.
     unknown: Vec<usize>,
 }
 
@@ -203,6 +207,23 @@ impl RecordedAttitude {
         gaps.sort_unstable();
         gaps.dedup();
         Ok(RecordedAttitude { gaps, unknown, ..read })
+    }
+
+    /// A motion with these accumulated angles at the rows, and the same gaps.
+    ///
+    /// # Errors
+    /// Numbers that are no motion.
+    pub fn with_angles(&self, angle_control_arcsec: &[[f64; 3]]) -> Result<RecordedAttitude, AttitudeRowsError> {
+        let row = |index: usize| {
+            let [before, own] = [index.saturating_sub(1), index].map(|row| angle_control_arcsec[row]);
+            AttitudeRow {
+                t_s: self.t_s[index],
+                angle_control_arcsec: std::array::from_fn(|axis| own[axis] - before[axis]),
+                theta_psi_rad: self.theta_psi_rad.get(index).copied(),
+            }
+        };
+        let rows: Vec<AttitudeRow> = (0..self.t_s.len()).map(row).collect();
+        RecordedAttitude::with_unknown_turns(&rows, self.unknown.clone(), true)
     }
 
     /// The first row's time.
@@ -325,98 +346,4 @@ fn departure(t_s: &[f64], angle_control_arcsec: &[Vec<f64>; 3], theta_psi_rad: &
 
 pub(super) fn shorter_way(rad: f64) -> f64 {
     rad - std::f64::consts::TAU * (rad / std::f64::consts::TAU).round()
-}
-
-/// Second derivatives of the cubic spline through the points, the third derivative continuous across the second and the
-/// last but one point (not-a-knot), so that the ends bend as the data do.
-fn second_derivatives(t: &[f64], y: &[f64]) -> Vec<f64> {
-    let n = t.len();
-    let h: Vec<f64> = t.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    let slope: Vec<f64> = (0..n - 1).map(|i| (y[i + 1] - y[i]) / h[i]).collect();
-    // Inner equations h[i−1] m[i−1] + 2(h[i−1] + h[i]) m[i] + h[i] m[i+1] = 6(slope[i] − slope[i−1]), with the end values
-    // m[0] = m[1] + (m[1] − m[2]) h[0]/h[1] put in, and likewise at the other end.
-    let inner = n - 2;
-    let (mut lower, mut upper) = (h[..inner].to_vec(), h[1..].to_vec());
-    let mut diagonal: Vec<f64> = h.windows(2).map(|pair| 2.0 * (pair[0] + pair[1])).collect();
-    let mut right: Vec<f64> = slope.windows(2).map(|pair| 6.0 * (pair[1] - pair[0])).collect();
-    if inner >= 2 {
-        let first = h[0] / h[1];
-        diagonal[0] += h[0] * (1.0 + first);
-        upper[0] -= h[0] * first;
-        let last = h[n - 2] / h[n - 3];
-        diagonal[inner - 1] += h[n - 2] * (1.0 + last);
-        lower[inner - 1] -= h[n - 2] * last;
-    }
-    for k in 1..inner {
-        let factor = lower[k] / diagonal[k - 1];
-        diagonal[k] -= factor * upper[k - 1];
-        right[k] -= factor * right[k - 1];
-    }
-    let mut m = vec![0.0; n];
-    for k in (0..inner).rev() {
-        let above = if k + 1 < inner { upper[k] * m[k + 2] } else { 0.0 };
-        m[k + 1] = (right[k] - above) / diagonal[k];
-    }
-    if inner >= 2 {
-        m[0] = m[1] + (m[1] - m[2]) * h[0] / h[1];
-        m[n - 1] = m[n - 2] + (m[n - 2] - m[n - 3]) * h[n - 2] / h[n - 3];
-    }
-    m
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn rows(count: usize, angle: impl Fn(f64) -> f64) -> Vec<AttitudeRow> {
-        let at = |index: usize| index as f64 * 0.5;
-        (0..=count)
-            .map(|index| AttitudeRow {
-                t_s: at(index),
-                angle_control_arcsec: [angle(at(index)) - angle(at(index.saturating_sub(1))), 0.0, 0.0],
-                theta_psi_rad: None,
-            })
-            .collect()
-    }
-
-    #[test]
-    fn a_cubic_comes_back_exactly_and_a_limit_cycle_within_what_is_stated() {
-        let cubic = |t: f64| 3.0 + t * (2.0 + t * (-1.5 + 0.25 * t));
-        let swing = |t: f64| 4.0 * 5.0 / std::f64::consts::TAU * (1.0 - (std::f64::consts::TAU * t / 5.0).cos());
-        for (angle, bound) in [(&cubic as &dyn Fn(f64) -> f64, 1e-12), (&swing, 0.0014)] {
-            let recorded = RecordedAttitude::new(&rows(40, angle)).expect("good rows");
-            let mut near = 0;
-            for index in 0..400 {
-                let t_s = f64::from(index) * 0.05;
-                let (got, _) = recorded.at(t_s, &mut near);
-                // The intervals at the ends, with data on one side only, err up to ten times as much.
-                let bound = if (3.0..17.0).contains(&t_s) { bound } else { 10.0 * bound };
-                assert!(
-                    (got[0] - (angle(t_s) - angle(0.0))).abs() <= bound,
-                    "{t_s}: {}",
-                    got[0] - angle(t_s) + angle(0.0)
-                );
-            }
-        }
-    }
-
-    #[test]
-    fn a_truth_moved_in_time_has_the_same_motion_at_the_moved_times() {
-        let recorded = RecordedAttitude::new(&rows(20, |t| t * t)).expect("good rows");
-        let moved = recorded.clone().starting_at(-3.5);
-        assert_eq!((moved.start_s(), moved.end_s()), (-3.5, 6.5));
-        assert_eq!(moved.at(1.25, &mut 0).0, recorded.at(4.75, &mut 0).0);
-        assert_eq!(moved.starting_at(0.0), recorded);
-    }
-
-    #[test]
-    fn gaps_and_overlaps_are_refused_with_the_row() {
-        let mut gap = rows(20, |t| t);
-        gap.drain(7..9);
-        assert!(matches!(RecordedAttitude::new(&gap), Err(AttitudeRowsError::Gap { index: 7, .. })));
-        let mut overlap = rows(20, |t| t);
-        overlap[5].t_s = overlap[4].t_s;
-        assert!(matches!(RecordedAttitude::new(&overlap), Err(AttitudeRowsError::NotRising { index: 5, .. })));
-        assert!(matches!(RecordedAttitude::new(&overlap[..3]), Err(AttitudeRowsError::TooFew(2))));
-    }
 }

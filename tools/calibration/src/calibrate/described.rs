@@ -175,7 +175,7 @@ fn has_long_rows(counts: &AccumulatedCounts, reference: &ReferenceAttitude) -> b
     reference.row_s() > LONG_ROW_NODES * counts.interval_s
 }
 
-/// The same from the residuals of the windows, of which the walk explains all.
+/// Noise of each gyro from the residuals of the windows, all of it taken for an angle random walk, arcsec/√s and arcsec².
 fn noise_of_windows(solution: &Solution, walks: &[RandomWalks]) -> Vec<(f64, f64)> {
     let of_gyro = |(gyro, walk): (usize, &RandomWalks)| {
         let own = solution.residuals.iter().filter(|own| own.gyro.index() == gyro && own.sigma_arcsec > 0.0);
@@ -216,7 +216,7 @@ fn noise(
     let of_gyro = |gyro: usize| {
         let drift = |trial: &usize| {
             let beside = trial.checked_sub(1).and_then(|further| solution.trial_drifts.get(further));
-            solution.calibrations[gyro].drift_arcsec_per_half_s + beside.map_or(0.0, |own| own[gyro].0)
+            solution.calibrations[gyro].drift_arcsec_per_half_s + beside.map_or(0.0, |own| own.drifts[gyro].0)
         };
         let drifted: Vec<f64> = trials
             .iter()

@@ -141,7 +141,7 @@ struct Extras {
 }
 
 impl DeviceCountsReader {
-    /// Of a table with trials the rows of those of the reference are read, else those of the first one.
+    /// Reads the trials of the reference from a table with trials, or its first one if the reference has none.
     pub fn new(device: &Device, reference: &ReferenceAttitude) -> DeviceCountsReader {
         let gyros = device.all_gyros();
         let mut counts = AccumulatedCounts::of_unit(gyros, device.interval_s, 0);

@@ -18,6 +18,14 @@ pub struct Residual {
     pub sigma_arcsec: f64,
 }
 
+/// Drifts in a further trial beside those in the first one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrialDrift {
+    pub trial: String,
+    /// Drift of each gyro and its sigma, arcsec/0.5 s.
+    pub drifts: Vec<(f64, f64)>,
+}
+
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solution {
     /// The solved parameters.
@@ -40,8 +48,7 @@ pub struct Solution {
     /// Leverage of each manoeuvre: the trace of its block of the projection, at most its number of equations.
     pub leverage: Vec<f64>,
     pub residuals: Vec<Residual>,
-    /// Drift of each gyro in each further trial beside that in the first one, arcsec/0.5 s, with its sigma.
-    pub trial_drifts: Vec<Vec<(f64, f64)>>,
+    pub trial_drifts: Vec<TrialDrift>,
 }
 
 impl Solution {

@@ -6,13 +6,13 @@
 use geu_recording::ReferenceAttitude;
 use nalgebra::{DMatrix, DVector};
 
-use super::{Equations, Observation, PER_GYRO, Solution, SolveError, root};
+use super::{Equations, Observation, PER_GYRO, Solution, SolveError, TrialDrift, root};
 
 /// The trial of each equation's observation.
 pub struct TrialsOfObservations {
     /// Number of the trial of each observation.
     numbers: Vec<usize>,
-    count: usize,
+    names: Vec<String>,
     /// Sigma of a drift before the data, arcsec/0.5 s.
     sigma: f64,
 }
@@ -20,11 +20,12 @@ pub struct TrialsOfObservations {
 impl TrialsOfObservations {
     /// The trials of a reference that begins `-offset_s` after the recording.
     pub fn new(observations: &[Observation], reference: &ReferenceAttitude, offset_s: f64, sigma: f64) -> Self {
+        let names = reference.trials.iter().map(|trial| trial.name.clone()).collect();
         let of = |own: &Observation| {
             let middle_s = 0.5 * (own.start_s + own.end_s) + offset_s;
             reference.trials.partition_point(|trial| trial.from_s <= middle_s).saturating_sub(1)
         };
-        TrialsOfObservations { numbers: observations.iter().map(of).collect(), count: reference.trials.len(), sigma }
+        TrialsOfObservations { numbers: observations.iter().map(of).collect(), names, sigma }
     }
 
     /// Adds these errors to the covariance of the equations.
@@ -37,7 +38,7 @@ impl TrialsOfObservations {
 
     /// Turn of each equation by a unit of each drift.
     fn turns(&self, equations: &Equations) -> DMatrix<f64> {
-        let (heads, further) = (equations.parameters.len() / PER_GYRO, self.count.saturating_sub(1));
+        let (heads, further) = (equations.parameters.len() / PER_GYRO, self.names.len().saturating_sub(1));
         let mut turns = DMatrix::zeros(equations.rows.len(), further * heads);
         for (row, &(own, gyro)) in equations.rows.iter().enumerate() {
             if let Some(trial) = self.numbers[own].checked_sub(1) {
@@ -53,8 +54,8 @@ impl TrialsOfObservations {
         equations: &Equations,
         solution: &Solution,
         covariance: &DMatrix<f64>,
-    ) -> Result<Vec<Vec<(f64, f64)>>, SolveError> {
-        if self.count < 2 {
+    ) -> Result<Vec<TrialDrift>, SolveError> {
+        if self.names.len() < 2 {
             return Ok(Vec::new());
         }
         let (turns, root_of_rows) = (self.turns(equations), root(covariance)?);
@@ -68,6 +69,7 @@ impl TrialsOfObservations {
         let by_solution = of_drifts.solve(&weighted.tr_mul(&equations.design));
         let sigmas = of_drifts.inverse() + &by_solution * &solution.covariance * by_solution.transpose();
         let all: Vec<(f64, f64)> = drifts.iter().copied().zip(sigmas.diagonal().iter().map(|own| own.sqrt())).collect();
-        Ok(all.chunks(equations.parameters.len() / PER_GYRO).map(<[_]>::to_vec).collect())
+        let further = self.names[1..].iter().zip(all.chunks(equations.parameters.len() / PER_GYRO));
+        Ok(further.map(|(name, own)| TrialDrift { trial: name.clone(), drifts: own.to_vec() }).collect())
     }
 }

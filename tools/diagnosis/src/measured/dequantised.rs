@@ -143,7 +143,7 @@ mod tests {
         let truth: Vec<f64> = (0..=4000).map(|node| 0.31 + 0.0371 * f64::from(node)).collect();
         let counts: Vec<f64> = truth.iter().map(|angle| angle.round()).collect();
         let path: Vec<f64> = truth.iter().map(|angle| angle - 0.31).collect();
-        let blocks = vec![Block { is_good: true, is_compared: true, restarts: false, begins_trial: false }; 400];
+        let blocks = vec![Block::COMPARED; 400];
         let found = dequantise(&counts, &path, &blocks, 0.01, 0.5);
         assert_eq!(found.contradictions, 0);
         for block in 100..400 {

@@ -75,7 +75,7 @@ mod tests {
 
     #[test]
     fn white_noise_and_walk_differ_in_their_growth() {
-        let blocks = vec![Block { is_good: true, is_compared: true, restarts: false, begins_trial: false }; 4000];
+        let blocks = vec![Block::COMPARED; 4000];
         let mut stream = NoiseStream::of_sensor(7, "test");
         // A block's average of the walk, of 100 steps each.
         let (block_s, walk, white) = (2.0f64, 0.5, 0.3);

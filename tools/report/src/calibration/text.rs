@@ -7,7 +7,7 @@ use geu_calibration::solve::{CalibrationParameter, PER_GYRO, Solution, UNKNOWNS,
 use geu_calibration::{Calibrated, Comparison, PreviousCalibration};
 use geu_model::Configuration;
 use geu_model::package::Calibration;
-use geu_model::units::{ARCSEC_PER_DEG, AngleUnit};
+use geu_model::units::{ARCSEC_PER_DEG, AngleUnit, S_PER_H, SAMPLE_INTERVAL_S};
 use geu_protocol::{Gyro, map};
 
 use super::{moved_words, number_and_unit, sigma_unit};
@@ -93,6 +93,14 @@ pub fn described_lines(calibrated: &Calibrated, angle: AngleUnit) -> Vec<String>
     lines.extend(clock.map(|(value, sigma)| format!("clock: {:+.3} ± {:.3} ppm", value * 1e6, sigma * 1e6)));
     let walks = gyros(solution).zip(noise).map(|(gyro, walk)| format!("{} {}", gyro.name(), angle.fixed(*walk, 5)));
     lines.push(format!("angle random walk: {} {}/√s", walks.collect::<Vec<_>>().join(", "), angle.name));
+    lines.extend(solution.trial_drifts.iter().map(|trial| {
+        let per_h = |arcsec: f64, decimals| angle.fixed(arcsec * S_PER_H / SAMPLE_INTERVAL_S, decimals);
+        let drift = |(gyro, (drift, sigma)): (Gyro, &(f64, f64))| {
+            format!("{} {} ± {}", gyro.name(), per_h(*drift, 1), per_h(*sigma, 1))
+        };
+        let drifts: Vec<String> = gyros(solution).zip(&trial.drifts).map(drift).collect();
+        format!("drift in trial {} beside the first: {} {}/h", trial.trial, drifts.join(", "), angle.name)
+    }));
     lines.extend(solution.parity.iter().map(|own| {
         let weights: Vec<String> =
             own.weights.iter().map(|(gyro, weight)| format!("{weight:+.3} {}", gyro.name())).collect();

@@ -1,0 +1,170 @@
+use super::*;
+use crate::measured::BLOCK;
+use geu_model::noise::{Flicker, NoiseStream};
+use geu_model::units::S_PER_H;
+
+const BLOCK_S: f64 = 5.0;
+const ROUNDING: BlockRounding =
+    BlockRounding { variance: 0.05, correlation: 0.7, second_difference: 0.1, ..BlockRounding::NONE };
+
+/// Draws that need no generator: a quadratic residue sequence, of variance 1/12 about 0.
+fn draw(state: &mut u64) -> f64 {
+    *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+    (*state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+}
+
+#[test]
+fn transposed_filter_gives_the_product_with_a_whitened_series() {
+    let noise = NoiseModel { white: 1.0 / 120.0, angle_walk: 0.01, rate_walk: 8e-6, scale_walk: 0.0, flicker: 5.0 };
+    let mut blocks = vec![Block::COMPARED; 300];
+    blocks[90] = Block::BROKEN;
+    let whitening = Whitening::new(&noise, &blocks, &vec![ROUNDING; blocks.len()], BLOCK_S);
+    let mut state = 3;
+    let [series, other]: [Vec<f64>; 2] = std::array::from_fn(|_| (0..300).map(|_| draw(&mut state)).collect());
+    for from in [0, 40] {
+        let white = whitening.apply_from(from, &series[from..]);
+        let product: f64 = white.iter().zip(&other[from..]).map(|(one, other)| one * other).sum();
+        let derivatives = whitening.transposed(&other);
+        let increments = series[from..].windows(2).map(|pair| pair[1] - pair[0]);
+        let increments = std::iter::once(series[from]).chain(increments);
+        let transposed: f64 = increments.zip(&derivatives[from..]).map(|(one, other)| one * other).sum();
+        assert!((product - transposed).abs() < 1e-9 * product.abs().max(1.0), "{product} {transposed}");
+    }
+}
+
+#[test]
+fn a_further_trial_has_a_drift_of_its_own() {
+    let noise = NoiseModel { white: 0.01, angle_walk: 0.1, rate_walk: 0.0, scale_walk: 0.0, flicker: 0.0 };
+    let mut blocks = vec![Block::COMPARED; 200];
+    blocks[100] = Block { begins_trial: true, ..Block::BROKEN };
+    let slope: Vec<f64> = (0..200).map(|block| if block < 100 { 0.0 } else { 70.0 * f64::from(block) }).collect();
+    let white =
+        |blocks: &[Block]| Whitening::new(&noise, blocks, &vec![BlockRounding::NONE; 200], BLOCK_S).apply(&slope);
+    assert!(white(&blocks).iter().all(|own| own.abs() < 0.1));
+    blocks[100].begins_trial = false;
+    assert!(white(&blocks).iter().any(|own| own.abs() > 100.0));
+}
+
+#[test]
+fn several_series_are_whitened_as_one() {
+    for flicker in [0.0, 5.0] {
+        let noise = NoiseModel { white: 1.0 / 120.0, angle_walk: 0.01, rate_walk: 8e-6, scale_walk: 0.0, flicker };
+        let blocks = vec![Block::COMPARED; 300];
+        let whitening = Whitening::new(&noise, &blocks, &vec![ROUNDING; blocks.len()], BLOCK_S);
+        let mut state = 3;
+        let series: [Vec<f64>; 3] = std::array::from_fn(|_| (0..300).map(|_| draw(&mut state)).collect());
+        let expected = series.each_ref().map(|own| whitening.apply_from(40, &own[40..]));
+        let increments =
+            |block: usize| series.each_ref().map(|own| own[block] - if block == 40 { 0.0 } else { own[block - 1] });
+        whitening.pass(40..300, increments, |block, white| {
+            for (white, expected) in white.iter().zip(&expected) {
+                let expected = expected[block - 40];
+                assert!((white - expected).abs() < 1e-9, "{flicker} {block}: {white} {expected}");
+            }
+        });
+    }
+}
+
+#[test]
+fn tails_equal_whitened_courses() {
+    let noise = NoiseModel { white: 1.0 / 120.0, angle_walk: 0.01, rate_walk: 8e-6, scale_walk: 0.0, flicker: 0.0 };
+    let mut blocks = vec![Block::COMPARED; 200];
+    blocks[90] = Block::BROKEN;
+    let whitening = Whitening::new(&noise, &blocks, &vec![ROUNDING; blocks.len()], BLOCK_S);
+    let mut state = 3;
+    let [sizes, other]: [Vec<f64>; 2] = std::array::from_fn(|_| (0..200).map(|_| draw(&mut state)).collect());
+    let derivatives = whitening.transposed(&other);
+    for falls in [0.0, 1.0] {
+        let decays = [1.0, 0.97];
+        let mut compared = 0;
+        whitening.tails(
+            whitening.forms().unwrap(),
+            &|block| (sizes[block], falls),
+            decays,
+            &[&derivatives],
+            |block, tail| {
+                for (lane, decay) in decays.into_iter().enumerate() {
+                    for lead in [&[1.0][..], &[0.2, 0.7, 1.1]] {
+                        let Some(first) = (block + 1).checked_sub(lead.len()) else { continue };
+                        let mut values: Vec<f64> = lead.to_vec();
+                        values.extend((0..199 - block).scan(lead[lead.len() - 1], |value, _| {
+                            *value *= decay;
+                            Some(*value)
+                        }));
+                        let (mut sum, mut before) = (0.0, 0.0);
+                        let of_block = |(block, value): (usize, &f64)| {
+                            let own = sizes[block] * value;
+                            sum += own - falls * std::mem::replace(&mut before, own);
+                            sum
+                        };
+                        let series: Vec<f64> = (first..).zip(&values).map(of_block).collect();
+                        let white = whitening.apply_from(first, &series);
+                        let square: f64 = white.iter().map(|white| white * white).sum();
+                        let product: f64 = white.iter().zip(&other[first..]).map(|(one, other)| one * other).sum();
+                        let found = tail.course(lane, block, lead);
+                        let off = (found.square - square).abs();
+                        assert!(off < 1e-9 * square.max(1.0), "{block} {lane}: {found:?} {square}");
+                        let off = (found.products[0] - product).abs();
+                        assert!(off < 1e-9 * square.max(1.0), "{found:?} {product}");
+                        compared += 1;
+                    }
+                }
+            },
+        );
+        assert_eq!(compared, 4 * 200 - 4);
+    }
+}
+
+#[test]
+fn a_count_that_flips_at_rest_is_no_evidence() {
+    let noise = NoiseModel { white: 1e-6, angle_walk: 0.005, rate_walk: 0.0, scale_walk: 0.0, flicker: 0.0 };
+    let blocks = vec![Block::COMPARED; 20_000];
+    let rest = BlockRounding { variance: 1.0 / 12.0, correlation: 1.0, ..BlockRounding::NONE };
+    let (mut state, mut angle) = (1u64, 0.4);
+    let counts = |_: &Block| {
+        angle += noise.angle_walk * BLOCK_S.sqrt() * (0..12).map(|_| draw(&mut state)).sum::<f64>();
+        f64::round(angle)
+    };
+    let series: Vec<f64> = blocks.iter().map(counts).collect();
+    assert!(series.windows(2).filter(|pair| pair[0] != pair[1]).count() > 50);
+    let white = Whitening::new(&noise, &blocks, &vec![rest; blocks.len()], BLOCK_S).apply(&series);
+    let variance = white.iter().map(|value| value * value).sum::<f64>() / 19_999.0;
+    // Less than 1: while a count stays, the walk and the rounding error are opposite.
+    assert!((0.6..1.1).contains(&variance), "{variance}");
+}
+
+#[test]
+fn whitened_walks_are_white_across_a_break() {
+    for (angle_walk, flicker) in [(0.01, 0.0), (0.3, 0.0), (0.01, 20.0)] {
+        let noise = NoiseModel { white: 1.0 / 120.0, angle_walk, rate_walk: 8e-6, scale_walk: 0.0, flicker };
+        let mut stream = NoiseStream::of_sensor(1, "flicker");
+        let mut processes = Flicker::stationary(&mut stream);
+        let mut blocks = vec![Block::COMPARED; 20_000];
+        blocks[9_000] = Block::BROKEN;
+        let (mut state, mut angle, mut rate) = (1u64, 0.0, 0.0);
+        let mut normal = || (0..12).map(|_| draw(&mut state)).sum::<f64>();
+        let step_s = BLOCK_S / BLOCK as f64;
+        let series: Vec<f64> = (0..blocks.len())
+            .map(|block| {
+                let of_node = |_| {
+                    rate += noise.rate_walk * step_s.sqrt() * normal();
+                    let drift = rate + flicker / S_PER_H * processes.advance(step_s, &mut stream);
+                    angle += drift * step_s + noise.angle_walk * step_s.sqrt() * normal();
+                    angle
+                };
+                let average = (0..BLOCK).map(of_node).sum::<f64>() / BLOCK as f64;
+                let jump = if block > 9_000 { 1e6 } else { 0.0 };
+                average + jump + noise.white.sqrt() * normal()
+            })
+            .collect();
+        let white = Whitening::new(&noise, &blocks, &vec![BlockRounding::NONE; blocks.len()], BLOCK_S).apply(&series);
+        let variance = white.iter().map(|value| value * value).sum::<f64>() / 19_997.0;
+        let neighbours = white.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>() / 19_997.0;
+        // Four deviations: √(2/20 000) and √(1/20 000).
+        assert!((variance - 1.0).abs() < 0.04 && neighbours.abs() < 0.029, "{variance} {neighbours}");
+        // 200 sums; four deviations of their variance, √(2/200).
+        let slow = white.chunks(100).map(|some| some.iter().sum::<f64>().powi(2) / 100.0).sum::<f64>() / 200.0;
+        assert!((slow - 1.0).abs() < 0.4, "{slow}");
+        assert_eq!(white[9_001], 0.0);
+    }
+}
