@@ -1,4 +1,4 @@
-//! References in parts: trials with times and drifts of their own, known turns between rests, gaps.
+//! References in parts: trials with times and drifts of their own, known turns between rests, gaps; accelerations beside the motion.
 
 use std::fs;
 use std::path::Path;
@@ -48,10 +48,17 @@ fn run(folder: &Path, command: &str, texts: [&str; 3]) -> (Option<i32>, Value, S
     (output.status.code(), found, String::from_utf8_lossy(&output.stderr).into_owned())
 }
 
+/// Acceleration along the axes, m/s²: gravity on a unit that is turned over, in another order in each trial.
+fn acceleration_m_s2(trial: usize, t_s: f64) -> [f64; 3] {
+    let places = [(t_s / 30.0) as usize, trial, (t_s / 30.0) as usize * trial];
+    let axis = places.iter().sum::<usize>() % 3;
+    std::array::from_fn(|own| if own == axis { 9.81 - 19.62 * (places[0] / 3 % 2) as f64 } else { 0.0 })
+}
+
 /// Rows of the samples and of the reference of all trials, each of which begins at 0 s; `added_deg_s` is an effect.
 fn trials(added_deg_s: impl Fn(usize, f64, [f64; 3]) -> [f64; 3]) -> (String, String) {
     let mut link = "trial,t,X,Y,Z\n".to_owned();
-    let mut reference = "trial,t_s,wx_deg_s,wy_deg_s,wz_deg_s\n".to_owned();
+    let mut reference = "trial,t_s,wx_deg_s,wy_deg_s,wz_deg_s,ax_m_s2,ay_m_s2,az_m_s2\n".to_owned();
     for (trial, drifts) in DRIFTS_DEG_H.iter().enumerate() {
         for number in 1..=180 * RATE_HZ {
             let t_s = number as f64 / RATE_HZ as f64;
@@ -69,7 +76,8 @@ fn trials(added_deg_s: impl Fn(usize, f64, [f64; 3]) -> [f64; 3]) -> (String, St
             });
             link.push_str(&format!("run {trial},{t_s:.2},{x:.6},{y:.6},{z:.6}\n"));
             let [x, y, z] = rates;
-            reference.push_str(&format!("run {trial},{t_s:.2},{x},{y},{z}\n"));
+            let [along_x, along_y, along_z] = acceleration_m_s2(trial, t_s);
+            reference.push_str(&format!("run {trial},{t_s:.2},{x},{y},{z},{along_x},{along_y},{along_z}\n"));
         }
     }
     (link, reference)
@@ -102,6 +110,23 @@ fn drifts_of_trials_are_no_effect_and_an_effect_beside_them_is_named() {
     let asymmetry = |_, _, rates: [f64; 3]| [2e-3 * rates[0].abs(), 0.0, 0.0];
     let (_, found, _) = diagnosed(trials(asymmetry));
     assert_eq!(missing(&found), [("scale-factor-asymmetry".to_owned(), serde_json::json!(["X"]))], "{found:#}");
+}
+
+#[test]
+fn a_drift_by_an_acceleration_is_stated_with_its_value() {
+    let folder = tempfile::tempdir().expect("a folder");
+    // 12 deg/h per m/s² along Z on X; a positive drift makes the measured angle smaller.
+    let (link, reference) = trials(|trial, t_s, _| [-12.0 / 3600.0 * acceleration_m_s2(trial, t_s)[2], 0.0, 0.0]);
+    let texts = [&description("group = \"trial\"\n"), &link[..], &reference[..]];
+    let (_, found, message) = run(folder.path(), "diagnose", texts);
+    assert_eq!(found["verdict"], "explained", "{message}{found:#}");
+    let findings = found["findings"].as_array().expect("findings").iter();
+    let own: Vec<&Value> = findings.filter(|own| own["kind"] == "drift-acceleration").collect();
+    let text = own[0]["text"].as_str().expect("a text");
+    let words: Vec<&str> = text.split("per m/s2: ").nth(1).expect("values").split(' ').collect();
+    let [value, sigma] = [words[0], words[2]].map(|number| number.parse::<f64>().expect("a number"));
+    assert!((value - 12.0).abs() < 4.0 * sigma && sigma < 1.0 && text.contains("along Z: subtracted"), "{text}");
+    assert!(own.len() == 1 && own[0]["place"] == "X", "{found:#}");
 }
 
 #[test]

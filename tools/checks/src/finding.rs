@@ -16,4 +16,6 @@ pub struct Finding {
 impl Finding {
     /// Kind of a finding of output in another unit.
     pub const UNIT_FACTOR: &str = "unit-factor";
+    /// Kind of a finding of drifts in proportion to accelerations.
+    pub const ACCELERATION: &str = "drift-acceleration";
 }

@@ -8,6 +8,7 @@ use geu_checks::{Alignment, check_heads};
 use geu_model::Configuration;
 use geu_recording::ReferenceAttitude;
 
+use crate::accelerations::AccelerationDrifts;
 use crate::diagnosis::diagnose;
 use crate::diagnosis_case::DiagnosisCase;
 use crate::measured::{MAX_ROW_S, MeasuredData, MeasuredError, Series};
@@ -45,13 +46,20 @@ pub fn diagnose_device(
     let mut checked = check_heads(recording, &nominal, &reference.later(lag_s));
     let start_s = lag_s - raw.offset_s(reference);
     let mut trial_drifts = TrialDrifts::none(&reference.trials, start_s, raw.gyros);
-    let (fitted, clock_ppm) = {
+    let mut accelerations = AccelerationDrifts::none(&raw, reference, lag_s);
+    let (fitted, clock_ppm) = loop {
         let mut unsmoothed = MeasuredData::combined(checked.counts.clone(), reference, lag_s, None, None)?;
         unsmoothed.clock_ppm = aligned_ppm;
         let case = DiagnosisCase::new(&unsmoothed, &nominal);
         let (fitted, clock_ppm) = solution::fitted_with_clock(&case);
-        trial_drifts.subtract(&mut checked.counts, &case, &fitted);
-        (fitted, clock_ppm)
+        let is_known = accelerations.is_found();
+        if !is_known {
+            accelerations.subtract(&mut checked.counts, &case, &fitted, true);
+        }
+        if accelerations.is_found() == is_known {
+            trial_drifts.subtract(&mut checked.counts, &case, &fitted);
+            break (fitted, clock_ppm);
+        }
     };
     // A lag within that of a link changes no attitude.
     let lag_s = lag_s + fitted.shifts.lag_s;
@@ -64,11 +72,13 @@ pub fn diagnose_device(
         let mut measured = MeasuredData::combined(counts.clone(), reference, lag_s, Some(calibrated), added)?;
         measured.clock_ppm = if aligned_ppm == 0.0 { 0.0 } else { clock_ppm };
         measured.trial_drifts = trial_drifts.clone();
+        measured.accelerations = accelerations.clone();
         Ok(measured)
     };
     let measured = combined(&fitted.configuration(&nominal), None)?;
     let smoothed = |calibrated: &Configuration, added: &Series| combined(calibrated, Some(added)).ok();
-    let has_changed = is_late || clock_ppm != 0.0 || !checked.faults.is_empty() || !trial_drifts.is_empty();
+    let is_subtracted = !trial_drifts.is_empty() || accelerations.is_found();
+    let has_changed = is_late || clock_ppm != 0.0 || !checked.faults.is_empty() || is_subtracted;
     let raw = if has_changed { MeasuredData::combined(raw, reference, 0.0, None, None).ok() } else { None };
     Ok(diagnose(&measured, (raw, &smoothed), (checked.findings, checked.faults), &nominal, options))
 }

@@ -76,9 +76,11 @@ pub(crate) fn diagnose(
     if let Some(again) = &mut again {
         again.noise_scale = scales.map(Arc::new);
     }
-    if !measured.trial_drifts.is_empty() && !solution.selected.state.held.is_empty() {
+    let is_subtracted = !measured.trial_drifts.is_empty() || measured.accelerations.is_found();
+    if is_subtracted && !solution.selected.state.held.is_empty() {
         let again = again.get_or_insert_with(|| measured.clone());
         let Solution { case, selected, .. } = &solution;
+        again.accelerations.subtract(&mut again.counts, case, &selected.state, false);
         again.trial_drifts.subtract(&mut again.counts, case, &selected.state);
     }
     if let Some(again) = &again {
@@ -91,6 +93,7 @@ pub(crate) fn diagnose(
     findings.extend(solution.is_closed_loop().then(|| closed_loop(solution.correlation)));
     findings.extend(measured.smoothed.as_deref().and_then(glitches));
     findings.extend(measured.reference_sigma.as_ref().and_then(ReferenceSigma::finding));
+    findings.extend(measured.accelerations.findings(&solution.case));
     findings.extend(measured.trial_drifts.findings(&solution.case));
     findings.extend(zones(solution.unknown_rate_arcsec_per_s));
     let angles = solution.needs_angles().then(|| solution.dequantised());
@@ -289,7 +292,7 @@ impl Report<'_> {
 
 fn verdict(entries: &[DiagnosedEffect], unexplained: Gyros, findings: &[Finding]) -> Verdict {
     let is_missing = entries.iter().any(|entry| entry.class == Class::MissingEffect)
-        || findings.iter().any(|finding| finding.kind == Finding::UNIT_FACTOR);
+        || findings.iter().any(|finding| [Finding::UNIT_FACTOR, Finding::ACCELERATION].contains(&&*finding.kind));
     match (!unexplained.is_empty(), is_missing) {
         (true, _) => Verdict::Unexplained,
         (false, true) => Verdict::Explained,

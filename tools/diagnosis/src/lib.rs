@@ -8,6 +8,7 @@
 //! - the report: `residual_map`, `alternatives`, `next_manoeuvre`, `outcome` (types only), `discriminating_test`, `entries`, `cross_validation`, `shares`, `unexplained`;
 //! - the whole: `diagnosis`, `report`.
 
+mod accelerations;
 pub mod alternatives;
 mod calibration_signatures;
 mod course_list;

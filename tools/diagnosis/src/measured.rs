@@ -24,6 +24,7 @@ use geu_model::attitude::RecordedAttitude;
 use geu_protocol::Gyros;
 use geu_recording::ReferenceAttitude;
 
+use crate::accelerations::AccelerationDrifts;
 use crate::trial_drifts::TrialDrifts;
 pub use blocks::{BLOCK, Block, nodes};
 use blocks::{begin_trials, covered_blocks, leave_out, leave_out_without_rows};
@@ -76,6 +77,8 @@ pub struct MeasuredData {
     pub clock_ppm: f64,
     /// Drifts of further trials that are taken from the counts.
     pub trial_drifts: TrialDrifts,
+    /// Drifts by accelerations that are taken from the counts.
+    pub accelerations: AccelerationDrifts,
     /// Time of node 0 since the origin of time courses: 0, or the end of the recording that a planned motion follows.
     pub(crate) start_s: f64,
 }
@@ -162,6 +165,7 @@ impl MeasuredData {
             lag_s,
             clock_ppm: 0.0,
             trial_drifts: TrialDrifts::default(),
+            accelerations: AccelerationDrifts::default(),
             start_s: 0.0,
         })
     }

@@ -70,7 +70,8 @@ impl TrialDrifts {
             let names = case.nominal.device.heads.iter().map(|head| head.gyro.name());
             let known = names.zip(&trial.drifts).filter(|(_, drift)| drift.1.is_finite());
             let value = |(name, (drift, sigma)): (&str, &(f64, f64))| {
-                format!("{name} {} ± {}", angle.fixed(drift * S_PER_H, 1), angle.fixed(sigma * S_PER_H, 1))
+                // A drift turns the reference, not the measured angle.
+                format!("{name} {} ± {}", angle.fixed(-drift * S_PER_H, 1), angle.fixed(sigma * S_PER_H, 1))
             };
             let values: Vec<String> = known.map(value).collect();
             let values = if values.is_empty() { "not known".to_owned() } else { values.join(", ") };

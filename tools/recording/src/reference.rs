@@ -42,6 +42,8 @@ pub struct ReferenceAttitude {
     pub sigma_arcsec: Vec<[f64; 3]>,
     /// Time since `start_ns` and value of the temperatures of electronics and sensor, °C, where the file has them.
     pub celsius: [Vec<(f64, f64)>; 2],
+    /// Time since `start_ns` and accelerations along the control axes, m/s², where the file has them.
+    pub acceleration_m_s2: Vec<(f64, [f64; 3])>,
     /// Time system of an attitude ephemeris, in which `start_ns` counts from 1970.
     pub time_system: Option<String>,
     /// In order of time; empty without a column `trial` or `group`.
@@ -96,17 +98,16 @@ impl Trial {
 impl ReferenceAttitude {
     /// A truth that begins at `start_ns`: the motion alone.
     pub fn of_truth(start_ns: i64, truth: impl Into<Arc<RecordedAttitude>>) -> ReferenceAttitude {
-        let (is_attitude, sigma_arcsec, turn_sigma_arcsec, celsius, time_system, trials) = Default::default();
-        let truth = truth.into();
         ReferenceAttitude {
             start_ns,
-            truth,
-            is_attitude,
-            sigma_arcsec,
-            turn_sigma_arcsec,
-            celsius,
-            time_system,
-            trials,
+            truth: truth.into(),
+            is_attitude: false,
+            sigma_arcsec: Vec::new(),
+            turn_sigma_arcsec: Vec::new(),
+            celsius: Default::default(),
+            acceleration_m_s2: Vec::new(),
+            time_system: None,
+            trials: Vec::new(),
         }
     }
 

@@ -10,6 +10,7 @@ use geu_model::units::ORBIT_S;
 use super::model_cache::ModelCache;
 use super::series::{ModelRun, TIMING};
 use super::{BLOCK, Block, MeasuredData};
+use crate::accelerations::AccelerationDrifts;
 use crate::trial_drifts::TrialDrifts;
 
 /// A motion that has not been recorded.
@@ -67,6 +68,7 @@ impl MeasuredData {
             lag_s: self.lag_s,
             clock_ppm: self.clock_ppm,
             trial_drifts: TrialDrifts::default(),
+            accelerations: AccelerationDrifts::default(),
             start_s: self.start_s + self.duration_s(),
         }
     }

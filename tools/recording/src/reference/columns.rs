@@ -20,6 +20,9 @@ const TURNS: &[&str] = &["angle_"];
 const SIGMAS: &[&str] = &["sigma_"];
 /// Temperatures of electronics and sensor.
 const CELSIUS: [&str; 2] = ["electronics_c", "sensor_c"];
+const ACCELERATIONS: &[&str] = &["acceleration_", "accel_", "a", "a_"];
+const ACCELERATION_UNITS: NamedUnits = &[("m_s2", 1.0), ("g", STANDARD_GRAVITY_M_S2)];
+const STANDARD_GRAVITY_M_S2: f64 = 9.80665;
 const TRIALS: [&str; 2] = ["trial", "group"];
 const AXES: [&str; 3] = ["x_", "y_", "z_"];
 /// The scalar part is first in this list; q1 to q4 have it last.
@@ -50,6 +53,8 @@ pub struct Columns {
     /// Sigma about each axis, and its unit, arcsec or arcsec/s.
     pub sigma: Option<([usize; 3], f64)>,
     pub celsius: [Option<usize>; 2],
+    /// Accelerations along the axes, and their unit, m/s².
+    pub acceleration: Option<([usize; 3], f64)>,
     pub trial: Option<usize>,
 }
 
@@ -85,6 +90,7 @@ impl Columns {
             theta_psi: at("theta_deg").zip(at("psi_deg")).map(|(theta, psi)| [theta, psi]),
             sigma,
             celsius: CELSIUS.map(at),
+            acceleration: find(at, ACCELERATIONS, AXES, ACCELERATION_UNITS),
             trial: TRIALS.into_iter().find_map(at),
         })
     }

@@ -28,6 +28,7 @@ pub struct TrialRows {
     lines: Vec<u64>,
     sigma_arcsec: Vec<[f64; 3]>,
     celsius: [Vec<(f64, f64)>; 2],
+    acceleration_m_s2: Vec<(f64, [f64; 3])>,
     starts_s: Vec<f64>,
     /// Rows before which the turn is not known.
     unknown: Vec<usize>,
@@ -87,6 +88,10 @@ impl TrialRows {
                 celsius.push((t_s, number(column)?));
             }
         }
+        if let Some((places, size)) = columns.acceleration.filter(|own| !own.0.iter().any(|&at| table.is_missing(at))) {
+            let [along_x, along_y, along_z] = places.map(number);
+            self.acceleration_m_s2.push((t_s, [along_x? * size, along_y? * size, along_z? * size]));
+        }
         let mut angle_control_arcsec = [w, x, y];
         if is_attitude {
             let now = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-6);
@@ -117,8 +122,13 @@ impl TrialRows {
     /// The trial with a point at the start of each row that does not begin where the row before ends.
     fn divided(self, is_rate: bool, allows_gaps: bool) -> TrialRows {
         let spacing_s = median_spacing_s(&self.rows).unwrap_or_default();
-        let mut points =
-            TrialRows { name: self.name, base_ns: self.base_ns, celsius: self.celsius, ..TrialRows::default() };
+        let mut points = TrialRows {
+            name: self.name,
+            base_ns: self.base_ns,
+            celsius: self.celsius,
+            acceleration_m_s2: self.acceleration_m_s2,
+            ..TrialRows::default()
+        };
         for (number, (row, line)) in self.rows.into_iter().zip(self.lines).enumerate() {
             let before_s = points.rows.last().map(|last| last.t_s);
             // Without a start a row begins where the row before ends, after a gap at the median spacing.
@@ -166,14 +176,23 @@ impl TrialRows {
         let is_accepted = allows_all || is_attitude && gaps == Gaps::OfAttitudes;
         let truth = truth.and_then(|truth| if is_accepted { Ok(truth) } else { truth.without_gaps(&all.rows) });
         let start_s = truth.as_ref().map_or(0.0, RecordedAttitude::start_s);
-        let mut celsius = all.celsius;
+        let (mut celsius, mut acceleration_m_s2) = (all.celsius, all.acceleration_m_s2);
+        acceleration_m_s2.iter_mut().for_each(|(t_s, _)| *t_s -= start_s);
         celsius.iter_mut().flatten().for_each(|(t_s, _)| *t_s -= start_s);
         trials.iter_mut().for_each(|own| (own.from_s, own.to_s) = (own.from_s - start_s, own.to_s - start_s));
         trials.retain(|_| columns.trial.is_some());
         let reference = ReferenceAttitude::from_turns(file, all.base_ns.unwrap_or(0), &all.lines, None, truth)?;
         let [sigma_arcsec, turn_sigma_arcsec] =
             if is_attitude { [all.sigma_arcsec, Vec::new()] } else { [Vec::new(), all.sigma_arcsec] };
-        Ok(ReferenceAttitude { is_attitude, sigma_arcsec, turn_sigma_arcsec, celsius, trials, ..reference })
+        Ok(ReferenceAttitude {
+            is_attitude,
+            sigma_arcsec,
+            turn_sigma_arcsec,
+            celsius,
+            acceleration_m_s2,
+            trials,
+            ..reference
+        })
     }
 
     /// The rows of all trials, of which each begins at an unknown attitude. Trials with times of their own follow one another.
@@ -194,6 +213,7 @@ impl TrialRows {
             let later_s = since_ns as f64 * 1e-9;
             own.rows.iter_mut().for_each(|row| row.t_s += later_s);
             own.celsius.iter_mut().flatten().for_each(|(t_s, _)| *t_s += later_s);
+            own.acceleration_m_s2.iter_mut().for_each(|(t_s, _)| *t_s += later_s);
             let [from_s, to_s] = [own.rows[0].t_s, own.rows[own.rows.len() - 1].t_s];
             places.push(Trial { name: own.name, from_s, to_s, moved_ns });
             let before = all.rows.len();
@@ -202,6 +222,7 @@ impl TrialRows {
             all.rows.append(&mut own.rows);
             all.lines.append(&mut own.lines);
             all.sigma_arcsec.append(&mut own.sigma_arcsec);
+            all.acceleration_m_s2.append(&mut own.acceleration_m_s2);
             all.celsius.iter_mut().zip(&mut own.celsius).for_each(|(all, own)| all.append(own));
         }
         (all, places)

@@ -84,8 +84,7 @@ fn sentence(diagnosis: &Diagnosis, missing: usize) -> String {
     match (diagnosis.verdict, missing) {
         (Verdict::Consistent, _) => "consistent: the model explains the recording; what is left is noise.".to_owned(),
         (Verdict::Explained, 0) => {
-            "explained: the output is in another unit than described; with that corrected what is left is noise."
-                .to_owned()
+            "explained: what the findings state is corrected, and what is left is noise.".to_owned()
         }
         (Verdict::Explained, _) => format!("explained: {found}; with {them} what is left is noise."),
         (Verdict::Unexplained, 0) => {
