@@ -205,22 +205,40 @@ impl AccumulatedCounts {
     /// of each gyro.
     pub fn leave_out_unknown(&mut self, reference: &ReferenceAttitude, matrix: &MatrixXx3<f64>) {
         let (offset_s, mut near, last) = (self.offset_s(reference), 0, self.len());
+        let mut gaps = Vec::new();
         for [from_s, to_s] in reference.truth.unknown_s() {
             let from = self.node_s.partition_point(|node_s| node_s + offset_s <= from_s).saturating_sub(1);
             let to = self.node_s.partition_point(|node_s| node_s + offset_s < to_s).min(last);
-            if from >= to {
-                continue;
+            if from < to {
+                gaps.push((from, to));
+                let (gyros, kind) = (self.gyros, BreakKind::Unknown);
+                self.breaks.push(Discontinuity { from, to, gyros, kind });
+                self.coning.iter_mut().flatten().for_each(|own| own[from + 1..=to].fill(0.0));
             }
-            let mut at =
-                |node: usize| matrix * Vector3::from(reference.truth.at(self.node_s[node] + offset_s, &mut near).0);
-            let turned: Vec<DVector<f64>> = (from..=to).map(&mut at).collect();
-            for (gyro, sums) in self.accumulated.iter_mut().enumerate() {
-                let left = sums[to] - sums[from] - (turned[to - from][gyro] - turned[0][gyro]);
-                (from + 1..to).for_each(|node| sums[node] = sums[from] + turned[node - from][gyro] - turned[0][gyro]);
-                sums[to..].iter_mut().for_each(|sum| *sum -= left);
+        }
+        if gaps.is_empty() {
+            return;
+        }
+        self.breaks.sort_by_key(|found| found.from);
+        let mut at =
+            |node: usize| matrix * Vector3::from(reference.truth.at(self.node_s[node] + offset_s, &mut near).0);
+        // Node and turn of each interval of a gap.
+        let of_gap = |&(from, to): &(usize, usize)| {
+            let mut before = at(from);
+            let mut turn = |node: usize| {
+                let now = at(node);
+                (node, &now - std::mem::replace(&mut before, now.clone()))
+            };
+            (from + 1..=to).map(&mut turn).collect::<Vec<_>>()
+        };
+        let turns: Vec<(usize, DVector<f64>)> = gaps.iter().flat_map(of_gap).collect();
+        for (gyro, sums) in self.accumulated.iter_mut().enumerate() {
+            let (mut before, mut own) = (sums[0], turns.iter().peekable());
+            for node in 1..sums.len() {
+                let measured = sums[node] - std::mem::replace(&mut before, sums[node]);
+                let turned = own.next_if(|own| own.0 == node).map(|own| own.1[gyro]);
+                sums[node] = sums[node - 1] + turned.unwrap_or(measured);
             }
-            self.coning.iter_mut().flatten().for_each(|own| own[from + 1..=to].fill(0.0));
-            self.breaks.push(Discontinuity { from, to, gyros: self.gyros, kind: BreakKind::Unknown });
         }
     }
 

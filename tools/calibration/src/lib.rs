@@ -4,6 +4,7 @@ pub mod absolute;
 pub mod calibrate;
 pub mod checkout;
 pub mod compare;
+mod coning;
 pub mod counts;
 pub mod effects;
 mod evaluation;
@@ -24,6 +25,7 @@ pub mod window;
 
 pub use calibrate::{AttitudeSource, CalibrateError, Calibrated, calibrate, calibrate_described};
 pub use compare::{Comparison, PreviousCalibration, combine, compare};
+pub use coning::without_coning;
 pub use counts::{
     AccumulatedCounts, BreakKind, CountsReader, DeviceCountsReader, DeviceRecording, Discontinuity, Interpolation,
 };

@@ -84,8 +84,9 @@ pub fn json(calibrated: &Calibrated) -> Value {
             noise.map(|(own, walk)| (own.gyro.name().to_owned(), json!(walk))).collect::<Map<_, _>>().into();
         let trial = |own: &TrialDrift| {
             let gyros = parameters.iter().step_by(PER_GYRO).zip(&own.drifts);
-            let value = |(value, sigma): (f64, f64)| json!({ "value": value, "sigma": sigma });
-            let gyros: Map<_, _> = gyros.map(|(one, drift)| (one.gyro.name().to_owned(), value(*drift))).collect();
+            let value = |own: Option<(f64, f64)>| own.map(|(value, sigma)| json!({ "value": value, "sigma": sigma }));
+            let gyros: Map<_, _> =
+                gyros.map(|(one, drift)| (one.gyro.name().to_owned(), value(*drift).into())).collect();
             json!({ "trial": own.trial, "drift_arcsec_per_half_s": gyros })
         };
         json["further_trials"] = solution.trial_drifts.iter().map(trial).collect();

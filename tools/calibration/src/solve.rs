@@ -75,7 +75,7 @@ pub fn solve(
 ) -> Result<Solution, SolveError> {
     let equations = Equations::new(observations, walks, prior, CalibrationParameter::all().collect())?;
     equations.check_determined()?;
-    equations.solve(prior, &[])
+    equations.solve(prior, &[], &DMatrix::zeros(0, 0))
 }
 
 /// Solves the equations of a described unit together with its time offset and the frequency of its clock. Each parameter has a prior
@@ -93,10 +93,10 @@ pub fn solve_described(
 ) -> Result<Solution, SolveError> {
     let mut equations = Equations::new(observations, walks, prior, parameters)?;
     equations.expect_counts(about);
-    let covariance = equations.reported.clone();
-    trials.free_drifts(&mut equations);
-    let mut solution = equations.solve(prior, sizes)?;
-    solution.trial_drifts = trials.drifts(&equations, &solution, &covariance)?;
+    let further = trials.columns(&equations);
+    let sizes: Vec<f64> = sizes.iter().copied().chain(further.column_iter().map(|_| trials.sigma)).collect();
+    let mut solution = equations.solve(prior, &sizes, &further)?;
+    solution.trial_drifts = trials.named(solution.trial_drifts);
     Ok(solution)
 }
 
@@ -152,9 +152,10 @@ impl<'a> Equations<'a> {
         Ok(Equations { observations, parameters, rows, design, right, weighting, reported })
     }
 
-    fn solve(&self, prior: &[Calibration], sizes: &[f64]) -> Result<Solution, SolveError> {
+    /// Solves the equations of the parameters, of the times of a described unit, and of further drifts with these columns.
+    fn solve(&self, prior: &[Calibration], sizes: &[f64], further: &DMatrix<f64>) -> Result<Solution, SolveError> {
         let (unknowns, rows) = (self.parameters.len(), self.rows.len());
-        let (design, right) = self.with_priors(prior, sizes);
+        let (design, right) = self.with_priors(prior, sizes, further);
         let [weighting, reported] = [&self.weighting, &self.reported].map(|own| with_variances(own, sizes));
         let root = root(&weighting)?;
         let LeastSquaresFit { solved, gain, squares, left, chi2 } = fit(&design, &right, &root)?;
@@ -180,7 +181,7 @@ impl<'a> Equations<'a> {
             parity: if is_described { self.parity(&calibrations, &left, covariance_left) } else { Vec::new() },
             parameters: self.parameters.clone(),
             calibrations,
-            undetermined,
+            undetermined: undetermined.clone(),
             timing: is_described.then(|| [unknowns, unknowns + 1].map(|index| (solved[index], sigma(index)))),
             covariance: all.view((0, 0), (unknowns, unknowns)).into_owned(),
             chi2,
@@ -188,7 +189,8 @@ impl<'a> Equations<'a> {
             condition: (squares.max() / squares.min().max(f64::MIN_POSITIVE)).sqrt(),
             leverage,
             residuals: self.residuals(&left, |row| covariance_left(row, row)),
-            trial_drifts: Vec::new(),
+            trial_drifts: self
+                .trial_drifts(|index| (!undetermined[index]).then(|| (solved[index], sigma(index))), further),
         })
     }
 
@@ -205,10 +207,15 @@ impl<'a> Equations<'a> {
         }
     }
 
-    /// The equations, and with `sizes` an equation for the prior of each unknown, and the unknowns of the times.
-    fn with_priors(&self, prior: &[Calibration], sizes: &[f64]) -> (DMatrix<f64>, DVector<f64>) {
+    /// The equations, and with `sizes` an equation for the prior of each unknown, the unknowns of the times, and further ones with these columns.
+    fn with_priors(
+        &self,
+        prior: &[Calibration],
+        sizes: &[f64],
+        further: &DMatrix<f64>,
+    ) -> (DMatrix<f64>, DVector<f64>) {
         let (unknowns, rows) = (self.parameters.len(), self.rows.len());
-        let columns = if sizes.is_empty() { unknowns } else { unknowns + 2 };
+        let columns = if sizes.is_empty() { unknowns } else { sizes.len() };
         let mut design = self.design.clone().resize(rows + sizes.len(), columns, 0.0);
         let mut right = self.right.clone().resize_vertically(rows + sizes.len(), 0.0);
         if sizes.is_empty() {
@@ -220,12 +227,21 @@ impl<'a> Equations<'a> {
                 design[(row, unknowns + column)] = dot(axes[gyro], changed);
             }
         }
-        let known = values_of(&self.parameters, prior).into_iter().chain([0.0; 2]);
+        design.view_mut((0, unknowns + 2), further.shape()).copy_from(further);
+        let known = values_of(&self.parameters, prior).into_iter().chain(std::iter::repeat(0.0)).take(columns);
         for (index, value) in known.enumerate() {
             design[(rows + index, index)] = 1.0;
             right[rows + index] = value;
         }
         (design, right)
+    }
+
+    /// Further drifts of each trial, from the values of the unknowns.
+    fn trial_drifts(&self, value: impl Fn(usize) -> Option<(f64, f64)>, further: &DMatrix<f64>) -> Vec<TrialDrift> {
+        let heads = self.parameters.len() / PER_GYRO;
+        let first = self.parameters.len() + 2;
+        let drifts: Vec<_> = (first..first + further.ncols()).map(value).collect();
+        drifts.chunks(heads).map(|own| TrialDrift { trial: String::new(), drifts: own.to_vec() }).collect()
     }
 
     /// Residuals of the rows with their variances.

@@ -54,7 +54,7 @@ pub fn check_heads(
 ) -> HeadCheck {
     let matrix = sensing_matrix(configuration);
     let mut findings = samples(&recording);
-    let DeviceRecording { mut counts, constant, extremes, steps, rate_arcsec, .. } = recording;
+    let DeviceRecording { mut counts, constant, extremes, steps, mut rate_arcsec, .. } = recording;
     let turned = turns(&counts, reference);
     let heads = counts.gyros.heads();
     // What a run of one value does not show of the turn is known in the right unit.
@@ -75,6 +75,7 @@ pub fn check_heads(
         let place = configuration.device.heads[head].gyro.name().to_owned();
         findings.push(Finding { kind: Finding::UNIT_FACTOR.to_owned(), place, text });
         counts.multiply(head, 1.0 / exact(factor));
+        rate_arcsec[head] /= exact(factor).abs();
     }
     let values = SampleValues { constant, extremes, steps, rate_arcsec };
     let mut faults = constant_output(&mut counts, &values, &turned, &matrix, &mut findings);
@@ -127,11 +128,9 @@ fn samples(recording: &DeviceRecording) -> Vec<Finding> {
 /// Turn of the reference up to each node, where it covers it.
 fn turns(counts: &AccumulatedCounts, reference: &ReferenceAttitude) -> Vec<Option<Vector3<f64>>> {
     let (offset_s, mut near) = (counts.offset_s(reference), 0);
-    let gaps_s = reference.truth.gaps_s();
     let mut at = |node_s: &f64| {
         let t_s = node_s + offset_s;
-        let is_covered =
-            (0.0..=reference.truth.end_s()).contains(&t_s) && !gaps_s.iter().any(|gap| (gap[0]..gap[1]).contains(&t_s));
+        let is_covered = (0.0..=reference.truth.end_s()).contains(&t_s) && reference.truth.is_known(t_s);
         let (angle, _) = reference.truth.at(t_s, &mut near);
         is_covered.then_some(angle.into())
     };

@@ -9,7 +9,7 @@ use geu_model::units::S_PER_H;
 use geu_recording::ReferenceAttitude;
 
 use crate::diagnosis_case::DiagnosisCase;
-use crate::measured::BLOCK;
+use crate::measured::{BLOCK, Series};
 use crate::model_state::ModelState;
 use crate::normal_equations::{NormalEquations, Nuisance};
 use crate::residual_map::SIGNIFICANT;
@@ -34,24 +34,30 @@ impl AccelerationDrifts {
         let (known, offset_s) = (&reference.acceleration_m_s2, counts.offset_s(reference) - lag_s);
         let drifts = vec![[(0.0, 0.0); 3]; counts.gyros.heads()];
         let (Some(first), true) = (known.first(), known.len() > 1) else { return AccelerationDrifts::default() };
-        let (mut sum, mut before_s, mut near) = ([0.0; 3], 0.0, 0);
+        // The integral up to each row: beside attitudes by trapezoids, beside rates of means over the rows. Between rows a straight line of it.
+        let (mut sum, mut before) = ([0.0; 3], *first);
+        let at_row = |own: &(f64, [f64; 3])| {
+            let (before_s, last) = std::mem::replace(&mut before, *own);
+            let share = if reference.is_attitude { 0.5 } else { 0.0 };
+            let mean = |axis: usize| share * last[axis] + (1.0 - share) * own.1[axis];
+            sum = std::array::from_fn(|axis| sum[axis] + (own.0 - before_s) * mean(axis));
+            (own.0, sum)
+        };
+        let rows: Vec<(f64, [f64; 3])> = known.iter().map(at_row).collect();
         let at = |node_s: &f64| {
             let t_s = node_s + offset_s;
-            while near + 1 < known.len() && known[near + 1].0 <= t_s {
-                near += 1;
-            }
-            let own = if t_s < first.0 { first.1 } else { known[near].1 };
-            let length_s = node_s - std::mem::replace(&mut before_s, *node_s);
-            sum = std::array::from_fn(|axis| sum[axis] + own[axis] * length_s);
-            sum
+            let after = rows.partition_point(|own| own.0 < t_s).clamp(1, rows.len() - 1);
+            let [(from_s, from), (to_s, to)] = [rows[after - 1], rows[after]];
+            let share = ((t_s - from_s) / (to_s - from_s).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+            std::array::from_fn(|axis| from[axis] + share * (to[axis] - from[axis]))
         };
         AccelerationDrifts { integrals: counts.node_s.iter().map(at).collect(), drifts }
     }
 
-    /// Takes from counts what a state leaves of the drifts. Before the search, `is_first`, only evident ones.
+    /// Takes from counts and their residual the drifts that a state leaves. Before the search, `is_first`, only evident ones.
     pub fn subtract(
         &mut self,
-        counts: &mut AccumulatedCounts,
+        (counts, residual): (&mut AccumulatedCounts, &mut Series),
         case: &DiagnosisCase,
         state: &ModelState,
         is_first: bool,
@@ -59,34 +65,41 @@ impl AccelerationDrifts {
         if self.integrals.is_empty() {
             return;
         }
-        let (residual, nuisances) = case.linearised(&mut state.clone());
-        let normal = |columns: &[Nuisance]| {
-            let a_priori = case.a_priori(&state.calibration);
-            NormalEquations::new(case.whitenings(&state.noise), &residual, columns, &a_priori)
-        };
+        let (linear, nuisances) = case.linearised(&mut state.clone());
         let averages = self.averages(case);
-        let of_gyro = |gyro: usize| averages.iter().map(move |own| (gyro, own));
-        let all = (0..self.drifts.len()).flat_map(of_gyro);
-        let column =
-            |(gyro, own): (usize, &Vec<f64>)| std::array::from_fn(|channel| (channel == gyro).then(|| own.clone()));
-        let columns: Vec<Nuisance> = nuisances.iter().cloned().chain(all.map(column)).collect();
-        let (without, with) = (normal(&nuisances), normal(&columns));
-        let (solution, covariance) = with.solution();
-        let left = [&without, &with].map(NormalEquations::projected_residual);
-        for (gyro, drifts) in self.drifts.iter_mut().enumerate() {
-            let [before, after] = [0, 1].map(|own| left[own][gyro].iter().map(|white| white * white).sum::<f64>());
+        let normal = |fitted: &[(usize, usize)]| {
+            let column = |&(gyro, axis): &(usize, usize)| -> Nuisance {
+                std::array::from_fn(|channel| (channel == gyro).then(|| averages[axis].clone()))
+            };
+            let columns: Vec<Nuisance> = nuisances.iter().cloned().chain(fitted.iter().map(column)).collect();
+            NormalEquations::new(case.whitenings(&state.noise), &linear, &columns, &case.a_priori(&state.calibration))
+        };
+        let fit = |fitted: &[(usize, usize)]| -> Vec<(f64, f64)> {
+            let (solution, covariance) = normal(fitted).solution();
+            let places = nuisances.len()..nuisances.len() + fitted.len();
+            places.map(|place| (solution[place], covariance[(place, place)].sqrt())).collect()
+        };
+        let all: Vec<(usize, usize)> =
+            (0..self.drifts.len()).flat_map(|gyro| [0, 1, 2].map(|axis| (gyro, axis))).collect();
+        let left = [&normal(&[]), &normal(&all)].map(NormalEquations::projected_residual);
+        let is_evident = |gyro: usize| {
+            let [before, after] = left.each_ref().map(|own| own[gyro].iter().map(|white| white * white).sum::<f64>());
             let excess = before - left[0][gyro].iter().filter(|white| **white != 0.0).count() as f64;
-            let is_subtracted = drifts.iter().any(|own| own.1 > 0.0);
-            let is_evident = before - after > EVIDENT_CHI2.max(EXPLAINED * excess);
-            if !(is_evident && is_first || is_subtracted) {
-                continue;
-            }
-            for (axis, drift) in drifts.iter_mut().enumerate() {
-                let place = nuisances.len() + 3 * gyro + axis;
-                *drift = (drift.0 + solution[place], covariance[(place, place)].sqrt());
-                let sums = counts.accumulated[gyro].iter_mut().zip(&self.integrals);
-                sums.for_each(|(sum, integral)| *sum -= solution[place] * integral[axis]);
-            }
+            before - after > EVIDENT_CHI2.max(EXPLAINED * excess)
+        };
+        let evident: Vec<bool> = (0..self.drifts.len()).map(is_evident).collect();
+        // Along an axis of constant acceleration it is a drift.
+        let is_fitted = |((gyro, axis), drift): &(&(usize, usize), (f64, f64))| match is_first {
+            true => evident[*gyro] && drift.0.abs() > SIGNIFICANT * drift.1,
+            false => self.drifts[*gyro][*axis].1 > 0.0,
+        };
+        let fitted: Vec<(usize, usize)> = all.iter().zip(fit(&all)).filter(is_fitted).map(|own| *own.0).collect();
+        for (&(gyro, axis), (left, sigma)) in fitted.iter().zip(fit(&fitted)) {
+            let drift = &mut self.drifts[gyro][axis];
+            *drift = (drift.0 + left, sigma);
+            let sums = counts.accumulated[gyro].iter_mut().zip(&self.integrals);
+            sums.for_each(|(sum, integral)| *sum -= left * integral[axis]);
+            residual[gyro].iter_mut().zip(&averages[axis]).for_each(|(own, average)| *own -= left * average);
         }
     }
 

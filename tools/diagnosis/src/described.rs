@@ -13,6 +13,7 @@ use crate::diagnosis::diagnose;
 use crate::diagnosis_case::DiagnosisCase;
 use crate::measured::{MAX_ROW_S, MeasuredData, MeasuredError, Series};
 use crate::model_state::LAG_S;
+use crate::noise;
 use crate::outcome::Diagnosis;
 use crate::significance::THREE_SIGMAS;
 use crate::solution::{self, DiagnosisOptions};
@@ -41,8 +42,8 @@ pub fn diagnose_device(
     let mut raw = recording.counts.clone();
     raw.leave_out_unknown(reference, &matrix);
     let Alignment { lag_s, clock_ppm: aligned_ppm } = Alignment::find(&raw, &nominal, reference);
-    recording.counts.leave_out_unknown(&reference.later(lag_s), &matrix);
     recording.counts.correct_clock(aligned_ppm);
+    recording.counts.leave_out_unknown(&reference.later(lag_s), &matrix);
     let mut checked = check_heads(recording, &nominal, &reference.later(lag_s));
     let start_s = lag_s - raw.offset_s(reference);
     let mut trial_drifts = TrialDrifts::none(&reference.trials, start_s, raw.gyros);
@@ -51,13 +52,17 @@ pub fn diagnose_device(
         let mut unsmoothed = MeasuredData::combined(checked.counts.clone(), reference, lag_s, None, None)?;
         unsmoothed.clock_ppm = aligned_ppm;
         let case = DiagnosisCase::new(&unsmoothed, &nominal);
-        let (fitted, clock_ppm) = solution::fitted_with_clock(&case);
+        let (mut fitted, clock_ppm) = solution::fitted_with_clock(&case);
+        // The residual before the fit contained calibration parameters.
+        fitted.noise = noise::configured(&nominal, &unsmoothed, &case.rounding, &case.residual(&fitted));
+        case.fit(&mut fitted);
         let is_known = accelerations.is_found();
+        let mut residual = case.residual(&fitted);
         if !is_known {
-            accelerations.subtract(&mut checked.counts, &case, &fitted, true);
+            accelerations.subtract((&mut checked.counts, &mut residual), &case, &fitted, true);
         }
         if accelerations.is_found() == is_known {
-            trial_drifts.subtract(&mut checked.counts, &case, &fitted);
+            trial_drifts.subtract((&mut checked.counts, &residual), &case, &fitted);
             break (fitted, clock_ppm);
         }
     };

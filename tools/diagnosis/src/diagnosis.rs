@@ -80,8 +80,9 @@ pub(crate) fn diagnose(
     if is_subtracted && !solution.selected.state.held.is_empty() {
         let again = again.get_or_insert_with(|| measured.clone());
         let Solution { case, selected, .. } = &solution;
-        again.accelerations.subtract(&mut again.counts, case, &selected.state, false);
-        again.trial_drifts.subtract(&mut again.counts, case, &selected.state);
+        let mut residual = case.residual(&selected.state);
+        again.accelerations.subtract((&mut again.counts, &mut residual), case, &selected.state, false);
+        again.trial_drifts.subtract((&mut again.counts, &residual), case, &selected.state);
     }
     if let Some(again) = &again {
         findings.extend(again.noise_scale.is_some().then(|| uneven_noise(again)));

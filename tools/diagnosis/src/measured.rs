@@ -26,7 +26,7 @@ use geu_recording::ReferenceAttitude;
 
 use crate::accelerations::AccelerationDrifts;
 use crate::trial_drifts::TrialDrifts;
-pub use blocks::{BLOCK, Block, nodes};
+pub use blocks::{BLOCK, Block, block_at, nodes};
 use blocks::{begin_trials, covered_blocks, leave_out, leave_out_without_rows};
 use dequantised::{DequantisedAngles, dequantise};
 pub use error::{MAX_ROW_S, MeasuredError};
@@ -35,10 +35,10 @@ pub use reference_sigma::ReferenceSigma;
 pub use series::{CHANNELS, ModelRun, Series, Shifts, TIMING};
 pub use smoothed_reference::SmoothedReference;
 
+use geu_calibration::without_coning;
 use model_cache::ModelCache;
 use series::{TIMING_UNIT_S, without};
 use temperature::between_readings;
-use turns::without_coning;
 
 /// Minimum usable number of blocks, of the default unit 10 min.
 const MIN_BLOCKS: usize = 120;
@@ -127,7 +127,11 @@ impl MeasuredData {
         };
         let covered = good(&blocks);
         leave_out(&counts.breaks, &mut blocks);
-        begin_trials(&counts, reference_trials.iter().skip(1).map(|trial| start_s + trial.from_s), &mut blocks);
+        begin_trials(
+            &counts,
+            reference_trials.iter().skip(1).map(|trial| start_s + trial.from_s).filter(|from_s| *from_s > 0.0),
+            &mut blocks,
+        );
         let good = good(&blocks);
         let common_s = (counts.end_s().min(reference.end_s()) - start_s.max(0.0)).max(0.0);
         let [good_s, min_s] = [good, MIN_BLOCKS].map(|count| (count * BLOCK) as f64 * counts.interval_s);

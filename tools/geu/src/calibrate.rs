@@ -299,7 +299,30 @@ pub fn read_device(
         reader.read(name, &mut counts).map_err(CommandError::input)?;
     }
     reader.finish(&mut counts).1.map_err(CommandError::input)?;
-    let none = || CommandError::input(format!("{}: expected samples of {}, got none", names.join(" "), device.name));
+    let trials: Vec<&str> = reference.trials.iter().map(|trial| &*trial.name).collect();
+    let left_out = counts.left_out();
+    if left_out.out_of_order > 0 {
+        return Err(CommandError::input(format!(
+            "{}: expected the trials in the order of the reference, {}, each in one piece, got {} rows of a trial after a later one; sort the \
+             rows by trial",
+            names.join(" "),
+            trials.join(", "),
+            left_out.out_of_order
+        )));
+    }
+    let missing = counts.missing_trials();
+    if !missing.is_empty() {
+        return Err(CommandError::input(format!(
+            "{}: expected rows of each trial of the reference, got none of {} at their times; leave these trials out of the reference",
+            names.join(" "),
+            missing.join(", ")
+        )));
+    }
+    let expected = match left_out.of_other_trials {
+        0 => format!("samples of {}", device.name),
+        _ => format!("rows of the trials of the reference, {}, at their times", trials.join(", ")),
+    };
+    let none = || CommandError::input(format!("{}: expected {expected}, got none", names.join(" ")));
     counts.finish(start_ns).ok_or_else(none)
 }
 

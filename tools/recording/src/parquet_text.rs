@@ -87,7 +87,7 @@ impl ParquetText {
         for column in &mut self.columns {
             let got = column.read(expected)?;
             if got != expected {
-                return Err(invalid(format!("expected {} more rows of a column, got {got}", self.rows)));
+                return Err(invalid(format!("expected {expected} more rows of a column, got {got}")));
             }
         }
         self.rows -= expected;
@@ -247,10 +247,11 @@ fn big_endian(bytes: &[u8]) -> io::Result<i128> {
     Ok(i128::from_be_bytes(all))
 }
 
-/// Appends text of one line, without control characters and double quotes.
+/// Appends text of one line, without control characters, double quotes and the mark of a remark at its start.
 fn print_text(bytes: &[u8], text: &mut Vec<u8>) -> io::Result<()> {
     let is_replaced = |letter: char| letter.is_control() || letter == '"';
-    text.write_all(String::from_utf8_lossy(bytes).replace(is_replaced, " ").as_bytes())
+    let cell = String::from_utf8_lossy(bytes).replace(is_replaced, " ");
+    text.write_all(cell.trim_start_matches('#').as_bytes())
 }
 
 /// Ends a line in place of the separator after its last cell.

@@ -111,6 +111,11 @@ impl ReferenceAttitude {
         }
     }
 
+    /// Number of the trial at an instant; 0 before the second one.
+    pub fn trial_at(&self, t_s: f64) -> usize {
+        self.trials.partition_point(|trial| trial.from_s <= t_s).saturating_sub(1)
+    }
+
     /// Median length of the rows, s, of rates and turns: the motion within a row is not known. 0 for attitudes.
     pub fn row_s(&self) -> f64 {
         let ends_s: Vec<f64> = self.truth.rows().map(|row| row.0).collect();
@@ -200,7 +205,9 @@ impl Reference {
                 Err(table.without_columns(&format!("{windows}a time and a magnitude, rate_deg_s; or {COLUMNS}")))
             }
             _ => {
-                let has_own_times = device.table.as_ref().is_some_and(|table| table.group.is_some());
+                // Frames of a link have one time scale.
+                let is_table = device.serial.is_none() && device.can.is_none();
+                let has_own_times = is_table && device.table.as_ref().is_some_and(|table| table.group.is_some());
                 TrialRows::read(name, table, Gaps::All { has_own_times }).map(Reference::Attitude)
             }
         }

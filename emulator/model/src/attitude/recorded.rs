@@ -198,7 +198,9 @@ impl RecordedAttitude {
                     _ => bend[own.clone()].copy_from_slice(&second_derivatives(&read.t_s[own.clone()], &angles[own])),
                 }
             }
-            for row in (1..rows.len()).filter(|&row| !is_attitude && rows[row].angle_control_arcsec == [0.0; 3]) {
+            let is_rest =
+                |row: &usize| rows[*row].angle_control_arcsec == [0.0; 3] && unknown.binary_search(row).is_err();
+            for row in (1..rows.len()).filter(|row| !is_attitude && is_rest(row)) {
                 bend[row - 1..=row].fill(0.0);
             }
         }

@@ -3,6 +3,7 @@
 //! A unit on the move is late against its reference by its link, and its clock may be fast: both are solved with the parameters. The
 //! noise is measured in the residual, since few descriptions state one.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use geu_model::Configuration;
@@ -12,6 +13,7 @@ use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_recording::ReferenceAttitude;
 
 use super::{CalibrateError, Calibrated, MAX_WINDOWS};
+use crate::coning::without_coning;
 use crate::counts::AccumulatedCounts;
 use crate::effects::EffectContribution;
 use crate::evaluation::{AttitudeSource, Evaluation, steps_of_reference};
@@ -63,6 +65,11 @@ pub fn calibrate_described(
     let Evaluation { configuration, counts, prior, walks: configured, .. } =
         Evaluation::new(&configuration, counts, &attitude)?;
     let mut counts = counts.into_owned();
+    let mut reference = Cow::Borrowed(reference);
+    if reference.is_attitude {
+        reference.to_mut().truth = Arc::new(without_coning(RecordedAttitude::clone(&reference.truth)));
+    }
+    let reference = &*reference;
     counts.leave_out_unknown(reference, &sensing_matrix(&configuration));
     let sizes = sizes(&configuration, &parameters, counts.is_received);
     let floored = |walk: &RandomWalks, angle: f64| RandomWalks {
@@ -145,7 +152,19 @@ fn select(
     let (from_s, to_s) = (reference.truth.start_s() - offset_s, reference.truth.end_s() - offset_s);
     let cut = match has_long_rows(counts, reference) {
         true => cut_at(counts, &ends_s(&reference.truth, offset_s), most),
-        false => cut_evenly(counts, from_s, to_s, most),
+        false => {
+            let trials: Vec<[f64; 2]> = match &reference.trials[..] {
+                [] => vec![[from_s, to_s]],
+                trials => trials.iter().map(|own| [own.from_s - offset_s, own.to_s - offset_s]).collect(),
+            };
+            let whole_s: f64 = trials.iter().map(|own| own[1] - own[0]).sum();
+            let share = |own: &[f64; 2]| ((most as f64 * (own[1] - own[0]) / whole_s) as usize).max(1);
+            let cut = trials.iter().flat_map(|own| cut_evenly(counts, own[0], own[1], share(own)));
+            let named = |(index, own): (usize, ManoeuvreWindow)| {
+                ManoeuvreWindow::new(&format!("window {}", index + 1), own.start_s, own.end_s)
+            };
+            cut.enumerate().map(named).collect()
+        }
     };
     if cut.len() >= MIN_PARTS {
         return Ok(cut);
@@ -207,17 +226,15 @@ fn noise(
             is_inside.then(|| truth.at(t_s, &mut near).0)
         })
         .collect();
-    // Of each node, 0 for the first.
-    let trial = |node_s: &f64| {
-        let trials = &reference.trials;
-        trials.partition_point(|own| own.from_s <= node_s + offset_s).saturating_sub(1)
+    let trials: Vec<usize> = counts.node_s.iter().map(|node_s| reference.trial_at(node_s + offset_s)).collect();
+    let further = |trial: usize| {
+        let name = reference.trials.get(trial).map(|own| &own.name);
+        solution.trial_drifts.iter().find(|own| Some(&own.trial) == name)
     };
-    let trials: Vec<usize> = counts.node_s.iter().map(trial).collect();
     let of_gyro = |gyro: usize| {
-        let drift = |trial: &usize| {
-            let beside = trial.checked_sub(1).and_then(|further| solution.trial_drifts.get(further));
-            solution.calibrations[gyro].drift_arcsec_per_half_s + beside.map_or(0.0, |own| own.drifts[gyro].0)
-        };
+        let beside = |trial: usize| further(trial).and_then(|own| own.drifts[gyro]).map_or(0.0, |own| own.0);
+        let beside: Vec<f64> = (0..reference.trials.len().max(1)).map(beside).collect();
+        let drift = |trial: &usize| solution.calibrations[gyro].drift_arcsec_per_half_s + beside[*trial];
         let drifted: Vec<f64> = trials
             .iter()
             .scan(0.0, |sum, trial| {

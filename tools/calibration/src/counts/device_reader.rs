@@ -73,6 +73,8 @@ pub struct RowsLeftOut {
     pub repeated: u64,
     /// Rows of trials that the reference does not state; without trials in it, of others than the first.
     pub of_other_trials: u64,
+    /// Rows of a trial after rows of a later trial of the reference.
+    pub out_of_order: u64,
     /// Rows after more missing samples than a recording may have.
     pub after_gap: u64,
 }
@@ -124,8 +126,10 @@ pub struct DeviceCountsReader {
     trials: (Vec<Trial>, i64),
     /// See [`DeviceRecording`].
     rate_arcsec: Vec<f64>,
-    /// Name of the trial of the last row.
-    trial: String,
+    /// True for each trial of which the table has rows.
+    has_rows: Vec<bool>,
+    /// Number of the trial of the last row.
+    trial: usize,
 }
 
 /// Findings in the samples, beside their sum.
@@ -167,7 +171,8 @@ impl DeviceCountsReader {
             recording: Extras { outliers: vec![0; gyros.heads()], ..Extras::default() },
             trials: (reference.trials.clone(), reference.start_ns),
             rate_arcsec: device.heads.iter().map(rate_arcsec).collect(),
-            trial: String::new(),
+            has_rows: vec![false; reference.trials.len()],
+            trial: 0,
         }
     }
 
@@ -277,6 +282,17 @@ impl DeviceCountsReader {
         }
     }
 
+    pub fn left_out(&self) -> RowsLeftOut {
+        self.recording.left_out
+    }
+
+    /// Trials of the reference without a row in a table that has trials.
+    pub fn missing_trials(&self) -> Vec<&str> {
+        let is_missing = |(_, has_rows): &(&Trial, &bool)| self.has_rows.contains(&true) && !**has_rows;
+        let missing = self.trials.0.iter().zip(&self.has_rows).filter(is_missing);
+        missing.map(|(trial, _)| trial.name.as_str()).collect()
+    }
+
     /// The recording; `None` without a sample. `clock_start_ns` is the start of a recording without receive times.
     pub fn finish(mut self, clock_start_ns: i64) -> Option<DeviceRecording> {
         let (start_ns, _) = self.heads.first?;
@@ -321,16 +337,27 @@ impl DeviceCountsReader {
 impl Sink<DeviceSample> for DeviceCountsReader {
     fn row(&mut self, row: &DeviceSample) {
         let (trials, start_ns) = &self.trials;
-        let end_ns = row.time.map_or(0, |time| time.t_ns);
-        let own = trials.iter().filter(|own| !row.group.is_empty() && own.name == row.group);
-        let moved = own.filter_map(|own| own.moved_ns(*start_ns, end_ns)).next().map(|moved_ns| {
+        let mut moved = None;
+        let mut trial = self.trial;
+        if !trials.is_empty() && !row.group.is_empty() {
+            if trials.get(trial).is_none_or(|own| own.name != row.group) {
+                trial = trials.iter().position(|own| own.name == row.group).unwrap_or(usize::MAX);
+            }
+            let end_ns = row.time.map_or(0, |time| time.t_ns);
+            let Some(moved_ns) = trials.get(trial).and_then(|own| own.moved_ns(*start_ns, end_ns)) else {
+                self.recording.left_out.of_other_trials += 1;
+                return;
+            };
+            if trial < self.trial {
+                self.recording.left_out.out_of_order += 1;
+                return;
+            }
             let later = |time: Timestamp| Timestamp { t_ns: time.t_ns.saturating_add(moved_ns), ..time };
-            DeviceSample { time: row.time.map(later), start: row.start.map(later), group: String::new(), ..row.clone() }
-        });
-        let begins = moved.is_some() && self.trial != row.group;
-        if begins {
-            self.trial.clone_from(&row.group);
+            let (time, start) = (row.time.map(later), row.start.map(later));
+            moved = Some(DeviceSample { time, start, group: String::new(), ..row.clone() });
         }
+        let begins = trial != self.trial;
+        let is_moved = moved.is_some();
         let row = moved.as_ref().unwrap_or(row);
         if self.heads.is_of_other_trial(row) {
             self.recording.left_out.of_other_trials += 1;
@@ -366,10 +393,18 @@ impl Sink<DeviceSample> for DeviceCountsReader {
             };
             let between: Vec<f64> = self.recent.iter().zip(&arcsec).map(between).collect();
             self.exclude(all, kind);
+            let (before, samples) = (self.nodes.node, self.per_node);
             self.advance(self.heads.end, from, &between, row);
+            // Also the nodes within the gap.
+            let (before, to) = (before * samples / self.per_node, self.nodes.node);
+            if before < to {
+                self.nodes.add(Discontinuity { from: before, to, gyros: all, kind });
+            }
             self.exclude(all, kind);
         }
         self.recording.samples += 1;
+        self.trial = trial;
+        self.has_rows.iter_mut().skip(trial).take(usize::from(is_moved)).for_each(|own| *own = true);
         for (gyro, arcsec) in arcsec.iter_mut().enumerate() {
             match arcsec.is_nan() {
                 true => *arcsec = 0.0,

@@ -22,8 +22,8 @@ pub struct Residual {
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrialDrift {
     pub trial: String,
-    /// Drift of each gyro and its sigma, arcsec/0.5 s.
-    pub drifts: Vec<(f64, f64)>,
+    /// Drift of each gyro and its sigma, arcsec/0.5 s; `None` if the data do not determine it.
+    pub drifts: Vec<Option<(f64, f64)>>,
 }
 
 #[derive(Debug, Clone, PartialEq)]

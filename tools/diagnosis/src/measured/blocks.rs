@@ -75,6 +75,11 @@ pub fn covered_blocks(
     })
 }
 
+/// Number of the block at an instant, s since node 0; the first one before it.
+pub fn block_at(counts: &AccumulatedCounts, t_s: f64) -> usize {
+    counts.node_s.partition_point(|&node_s| node_s <= t_s).saturating_sub(1) / BLOCK
+}
+
 /// Marks the blocks in which further trials begin, s since node 0.
 pub fn begin_trials(
     counts: &AccumulatedCounts,
@@ -82,7 +87,7 @@ pub fn begin_trials(
     blocks: &mut [Vec<Block>; CHANNELS],
 ) {
     for start_s in starts_s {
-        let number = counts.node_s.partition_point(|&node_s| node_s <= start_s).saturating_sub(1) / BLOCK;
+        let number = block_at(counts, start_s);
         blocks[..TIMING].iter_mut().filter_map(|own| own.get_mut(number)).for_each(|own| own.begins_trial = true);
     }
 }

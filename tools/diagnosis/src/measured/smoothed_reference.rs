@@ -190,7 +190,10 @@ fn rows(
         let [beyond_arcsec, relative_arcsec] =
             [beyond, absolute * attitude.inverse()].map(|turn| turn.scaled_axis() * ARCSEC_PER_RAD);
         let smooth_arcsec = Vector3::zeros();
-        let begins = unknown_s.next_if(|end_s| *end_s <= t_s).is_some();
+        let mut begins = false;
+        while unknown_s.next_if(|end_s| *end_s <= t_s).is_some() {
+            begins = true;
+        }
         Row { t_s, attitude, beyond_arcsec, relative_arcsec, smooth_arcsec, sigma, is_used: true, begins }
     };
     Some(within.map(row).collect())

@@ -214,6 +214,10 @@ impl TrialRows {
             own.rows.iter_mut().for_each(|row| row.t_s += later_s);
             own.celsius.iter_mut().flatten().for_each(|(t_s, _)| *t_s += later_s);
             own.acceleration_m_s2.iter_mut().for_each(|(t_s, _)| *t_s += later_s);
+            // A first row of rates begins where the trial before ends, but for the rounding of times.
+            if let Some(last) = all.rows.last().filter(|last| (own.rows[0].t_s - last.t_s).abs() <= TOUCHING_S) {
+                own.rows[0].t_s = last.t_s + TOUCHING_S;
+            }
             let [from_s, to_s] = [own.rows[0].t_s, own.rows[own.rows.len() - 1].t_s];
             places.push(Trial { name: own.name, from_s, to_s, moved_ns });
             let before = all.rows.len();

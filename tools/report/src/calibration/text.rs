@@ -95,8 +95,9 @@ pub fn described_lines(calibrated: &Calibrated, angle: AngleUnit) -> Vec<String>
     lines.push(format!("angle random walk: {} {}/√s", walks.collect::<Vec<_>>().join(", "), angle.name));
     lines.extend(solution.trial_drifts.iter().map(|trial| {
         let per_h = |arcsec: f64, decimals| angle.fixed(arcsec * S_PER_H / SAMPLE_INTERVAL_S, decimals);
-        let drift = |(gyro, (drift, sigma)): (Gyro, &(f64, f64))| {
-            format!("{} {} ± {}", gyro.name(), per_h(*drift, 1), per_h(*sigma, 1))
+        let drift = |(gyro, own): (Gyro, &Option<(f64, f64)>)| match own {
+            Some((drift, sigma)) => format!("{} {} ± {}", gyro.name(), per_h(*drift, 1), per_h(*sigma, 1)),
+            None => format!("{} not determined", gyro.name()),
         };
         let drifts: Vec<String> = gyros(solution).zip(&trial.drifts).map(drift).collect();
         format!("drift in trial {} beside the first: {} {}/h", trial.trial, drifts.join(", "), angle.name)
