@@ -98,7 +98,16 @@ fn drifts_of_trials_are_no_effect_and_an_effect_beside_them_is_named() {
     assert_eq!((code, found["verdict"].as_str()), (Some(0), Some("consistent")), "{message}{found:#}");
     assert_eq!(missing(&found), []);
     let drifts = found["findings"].as_array().expect("findings").iter().filter(|own| own["kind"] == "trial-drift");
-    assert_eq!(drifts.count(), TRIALS - 1);
+    let texts: Vec<&str> = drifts.map(|own| own["text"].as_str().expect("a text")).collect();
+    assert_eq!(texts.len(), TRIALS - 1);
+    for (text, drifts) in texts.iter().zip(&DRIFTS_DEG_H[1..]) {
+        let values: Vec<&str> = text.split("deg/h: ").nth(1).expect("values").split(", ").collect();
+        for (axis, value) in values.into_iter().enumerate() {
+            let words: Vec<f64> = value.split(' ').filter_map(|word| word.parse().ok()).collect();
+            let off = words[0] - (drifts[axis] - DRIFTS_DEG_H[0][axis]);
+            assert!(off.abs() < 4.0 * words[1] && words[1] < 8.0, "{text}");
+        }
+    }
     // 120 deg/h from 60 s of the third trial on.
     let step = |trial, t_s, _: [f64; 3]| [0.0, if trial == 2 && t_s > 60.0 { -120.0 / 3600.0 } else { 0.0 }, 0.0];
     let (_, found, _) = diagnosed(trials(step));

@@ -6,6 +6,7 @@
 mod device_reader;
 mod head_reader;
 mod reader;
+mod table_trials;
 
 pub use device_reader::{ConstantRun, DeviceCountsReader, DeviceRecording, RowsLeftOut};
 use geu_model::units::SAMPLE_INTERVAL_S;

@@ -96,7 +96,7 @@ pub fn solve_described(
     let further = trials.columns(&equations);
     let sizes: Vec<f64> = sizes.iter().copied().chain(further.column_iter().map(|_| trials.sigma)).collect();
     let mut solution = equations.solve(prior, &sizes, &further)?;
-    solution.trial_drifts = trials.named(solution.trial_drifts);
+    solution.trial_drifts = trials.with_names(solution.trial_drifts);
     Ok(solution)
 }
 

@@ -303,7 +303,7 @@ pub fn read_device(
     let left_out = counts.left_out();
     if left_out.out_of_order > 0 {
         return Err(CommandError::input(format!(
-            "{}: expected the trials in the order of the reference, {}, each in one piece, got {} rows of a trial after a later one; sort the \
+            "{}: expected the trials in the order of the reference, {}, without interruption, got {} rows of a trial after a later one; sort the \
              rows by trial",
             names.join(" "),
             trials.join(", "),
@@ -313,7 +313,7 @@ pub fn read_device(
     let missing = counts.missing_trials();
     if !missing.is_empty() {
         return Err(CommandError::input(format!(
-            "{}: expected rows of each trial of the reference, got none of {} at their times; leave these trials out of the reference",
+            "{}: expected rows of each trial of the reference, got no row of {} at their times; leave these trials out of the reference",
             names.join(" "),
             missing.join(", ")
         )));

@@ -5,13 +5,13 @@
 
 use geu_model::device::{Device, Head, Output};
 use geu_protocol::Gyros;
-use geu_protocol::capture::Timestamp;
 use geu_protocol::continuity::MAX_MISSING;
 use geu_protocol::layout::Quantity;
-use geu_recording::{Defect, DeviceSample, ReferenceAttitude, Sink, Trial};
+use geu_recording::{Defect, DeviceSample, ReferenceAttitude, Sink};
 
 use super::head_reader::{HeadAngles, HeadReader, MISSING, slots};
 use super::reader::NodeReader;
+use super::table_trials::{TableTrials, TrialRow};
 use super::{AccumulatedCounts, BreakKind, Discontinuity};
 
 /// Number of nodes from which two become one, and the longest interval of nodes that may result, s: that of the default unit, and a little.
@@ -122,14 +122,9 @@ pub struct DeviceCountsReader {
     pending: Vec<(usize, Gyros, BreakKind)>,
     recent: Vec<Recent>,
     recording: Extras,
-    /// Trials of the reference, and its start, ns.
-    trials: (Vec<Trial>, i64),
+    trials: TableTrials,
     /// See [`DeviceRecording`].
     rate_arcsec: Vec<f64>,
-    /// True for each trial of which the table has rows.
-    has_rows: Vec<bool>,
-    /// Number of the trial of the last row.
-    trial: usize,
 }
 
 /// Findings in the samples, beside their sum.
@@ -169,10 +164,8 @@ impl DeviceCountsReader {
             pending: Vec::new(),
             recent: vec![Recent::NONE; gyros.heads()],
             recording: Extras { outliers: vec![0; gyros.heads()], ..Extras::default() },
-            trials: (reference.trials.clone(), reference.start_ns),
+            trials: TableTrials::new(reference),
             rate_arcsec: device.heads.iter().map(rate_arcsec).collect(),
-            has_rows: vec![false; reference.trials.len()],
-            trial: 0,
         }
     }
 
@@ -288,9 +281,7 @@ impl DeviceCountsReader {
 
     /// Trials of the reference without a row in a table that has trials.
     pub fn missing_trials(&self) -> Vec<&str> {
-        let is_missing = |(_, has_rows): &(&Trial, &bool)| self.has_rows.contains(&true) && !**has_rows;
-        let missing = self.trials.0.iter().zip(&self.has_rows).filter(is_missing);
-        missing.map(|(trial, _)| trial.name.as_str()).collect()
+        self.trials.missing()
     }
 
     /// The recording; `None` without a sample. `clock_start_ns` is the start of a recording without receive times.
@@ -336,29 +327,13 @@ impl DeviceCountsReader {
 
 impl Sink<DeviceSample> for DeviceCountsReader {
     fn row(&mut self, row: &DeviceSample) {
-        let (trials, start_ns) = &self.trials;
-        let mut moved = None;
-        let mut trial = self.trial;
-        if !trials.is_empty() && !row.group.is_empty() {
-            if trials.get(trial).is_none_or(|own| own.name != row.group) {
-                trial = trials.iter().position(|own| own.name == row.group).unwrap_or(usize::MAX);
-            }
-            let end_ns = row.time.map_or(0, |time| time.t_ns);
-            let Some(moved_ns) = trials.get(trial).and_then(|own| own.moved_ns(*start_ns, end_ns)) else {
-                self.recording.left_out.of_other_trials += 1;
-                return;
-            };
-            if trial < self.trial {
-                self.recording.left_out.out_of_order += 1;
-                return;
-            }
-            let later = |time: Timestamp| Timestamp { t_ns: time.t_ns.saturating_add(moved_ns), ..time };
-            let (time, start) = (row.time.map(later), row.start.map(later));
-            moved = Some(DeviceSample { time, start, group: String::new(), ..row.clone() });
-        }
-        let begins = trial != self.trial;
-        let is_moved = moved.is_some();
-        let row = moved.as_ref().unwrap_or(row);
+        let (moved, number) = match self.trials.place(row) {
+            TrialRow::Single => (None, None),
+            TrialRow::Moved(moved, number) => (Some(moved), Some(number)),
+            TrialRow::Other => return self.recording.left_out.of_other_trials += 1,
+            TrialRow::OutOfOrder => return self.recording.left_out.out_of_order += 1,
+        };
+        let (begins, row) = (self.trials.begins(number), moved.as_ref().unwrap_or(row));
         if self.heads.is_of_other_trial(row) {
             self.recording.left_out.of_other_trials += 1;
             return;
@@ -403,8 +378,7 @@ impl Sink<DeviceSample> for DeviceCountsReader {
             self.exclude(all, kind);
         }
         self.recording.samples += 1;
-        self.trial = trial;
-        self.has_rows.iter_mut().skip(trial).take(usize::from(is_moved)).for_each(|own| *own = true);
+        self.trials.note(number);
         for (gyro, arcsec) in arcsec.iter_mut().enumerate() {
             match arcsec.is_nan() {
                 true => *arcsec = 0.0,

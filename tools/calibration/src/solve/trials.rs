@@ -7,7 +7,7 @@ use super::{Equations, Observation, PER_GYRO, TrialDrift};
 
 /// The trial of each observation.
 pub struct TrialsOfObservations {
-    /// Place of each observation's trial among those that have observations.
+    /// Place of each observation's trial among the trials with observations.
     places: Vec<usize>,
     names: Vec<String>,
     /// Sigma of a drift before the data, arcsec/0.5 s.
@@ -40,7 +40,7 @@ impl TrialsOfObservations {
     }
 
     /// Drifts with the names of their trials.
-    pub(super) fn named(&self, drifts: Vec<TrialDrift>) -> Vec<TrialDrift> {
+    pub(super) fn with_names(&self, drifts: Vec<TrialDrift>) -> Vec<TrialDrift> {
         let further = self.names.iter().skip(1).zip(drifts);
         further.map(|(trial, own)| TrialDrift { trial: trial.clone(), ..own }).collect()
     }
