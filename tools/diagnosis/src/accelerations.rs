@@ -1,7 +1,7 @@
 //! Drifts in proportion to accelerations, where the reference has them: no effect of the model, since the unit does not know them.
 //!
-//! They are fitted before the search, which would name other effects in their place, and taken from the counts if they are evident and leave
-//! less than half of what is not noise; after the search they are fitted again beside the effects.
+//! They are fitted before the search, which would name other effects in their place, and taken from the counts if they are evident and
+//! explain more than half of what is not noise, along the axes that show them; after the search they are fitted again beside the effects.
 
 use geu_calibration::AccumulatedCounts;
 use geu_checks::Finding;
