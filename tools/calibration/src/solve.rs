@@ -81,6 +81,7 @@ pub fn solve(
 /// Solves the equations of a described unit together with its time offset and the frequency of its clock. Each parameter has a prior
 /// sigma in `sizes`, and so have offset, s, and frequency, relative, at the end: what the data do not determine keeps it. `about` is the
 /// solution of the pass before: a scale factor acts on the counts expected from it, since the noise of measured counts would make it smaller.
+/// The drifts in further trials are solved too.
 ///
 /// # Errors
 /// [`SolveError`]: no usable data.
@@ -181,7 +182,9 @@ impl<'a> Equations<'a> {
             parity: if is_described { self.parity(&calibrations, &left, covariance_left) } else { Vec::new() },
             parameters: self.parameters.clone(),
             calibrations,
-            undetermined: undetermined.clone(),
+            trial_drifts: self
+                .trial_drifts(|index| (!undetermined[index]).then(|| (solved[index], sigma(index))), further),
+            undetermined,
             timing: is_described.then(|| [unknowns, unknowns + 1].map(|index| (solved[index], sigma(index)))),
             covariance: all.view((0, 0), (unknowns, unknowns)).into_owned(),
             chi2,
@@ -189,8 +192,6 @@ impl<'a> Equations<'a> {
             condition: (squares.max() / squares.min().max(f64::MIN_POSITIVE)).sqrt(),
             leverage,
             residuals: self.residuals(&left, |row| covariance_left(row, row)),
-            trial_drifts: self
-                .trial_drifts(|index| (!undetermined[index]).then(|| (solved[index], sigma(index))), further),
         })
     }
 

@@ -7,6 +7,19 @@ const BLOCK_S: f64 = 5.0;
 const ROUNDING: BlockRounding =
     BlockRounding { variance: 0.05, correlation: 0.7, second_difference: 0.1, ..BlockRounding::NONE };
 
+const NOISE: NoiseModel =
+    NoiseModel { white: 1.0 / 120.0, angle_walk: 0.01, rate_walk: 8e-6, scale_walk: 0.0, flicker: 0.0 };
+
+/// A filter of blocks of which one is broken, and two series of draws.
+fn broken(flicker: f64, count: usize) -> (Whitening, [Vec<f64>; 2]) {
+    let mut blocks = vec![Block::COMPARED; count];
+    blocks[90] = Block::BROKEN;
+    let noise = NoiseModel { flicker, ..NOISE };
+    let mut state = 3;
+    let series = std::array::from_fn(|_| (0..count).map(|_| draw(&mut state)).collect());
+    (Whitening::new(&noise, &blocks, &vec![ROUNDING; count], BLOCK_S), series)
+}
+
 /// Draws that need no generator: a quadratic residue sequence, of variance 1/12 about 0.
 fn draw(state: &mut u64) -> f64 {
     *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -15,12 +28,7 @@ fn draw(state: &mut u64) -> f64 {
 
 #[test]
 fn transposed_filter_gives_the_product_with_a_whitened_series() {
-    let noise = NoiseModel { white: 1.0 / 120.0, angle_walk: 0.01, rate_walk: 8e-6, scale_walk: 0.0, flicker: 5.0 };
-    let mut blocks = vec![Block::COMPARED; 300];
-    blocks[90] = Block::BROKEN;
-    let whitening = Whitening::new(&noise, &blocks, &vec![ROUNDING; blocks.len()], BLOCK_S);
-    let mut state = 3;
-    let [series, other]: [Vec<f64>; 2] = std::array::from_fn(|_| (0..300).map(|_| draw(&mut state)).collect());
+    let (whitening, [series, other]) = broken(5.0, 300);
     for from in [0, 40] {
         let white = whitening.apply_from(from, &series[from..]);
         let product: f64 = white.iter().zip(&other[from..]).map(|(one, other)| one * other).sum();
@@ -48,7 +56,7 @@ fn a_further_trial_has_a_drift_of_its_own() {
 #[test]
 fn several_series_are_whitened_as_one() {
     for flicker in [0.0, 5.0] {
-        let noise = NoiseModel { white: 1.0 / 120.0, angle_walk: 0.01, rate_walk: 8e-6, scale_walk: 0.0, flicker };
+        let noise = NoiseModel { flicker, ..NOISE };
         let blocks = vec![Block::COMPARED; 300];
         let whitening = Whitening::new(&noise, &blocks, &vec![ROUNDING; blocks.len()], BLOCK_S);
         let mut state = 3;
@@ -67,12 +75,7 @@ fn several_series_are_whitened_as_one() {
 
 #[test]
 fn tails_equal_whitened_courses() {
-    let noise = NoiseModel { white: 1.0 / 120.0, angle_walk: 0.01, rate_walk: 8e-6, scale_walk: 0.0, flicker: 0.0 };
-    let mut blocks = vec![Block::COMPARED; 200];
-    blocks[90] = Block::BROKEN;
-    let whitening = Whitening::new(&noise, &blocks, &vec![ROUNDING; blocks.len()], BLOCK_S);
-    let mut state = 3;
-    let [sizes, other]: [Vec<f64>; 2] = std::array::from_fn(|_| (0..200).map(|_| draw(&mut state)).collect());
+    let (whitening, [sizes, other]) = broken(0.0, 200);
     let derivatives = whitening.transposed(&other);
     for falls in [0.0, 1.0] {
         let decays = [1.0, 0.97];
