@@ -2,7 +2,6 @@
 
 use std::fmt::{self, Arguments, Display, Formatter};
 use std::io::{self, ErrorKind, Write};
-use std::process::ExitCode;
 
 use geu_files::ClaimError;
 use geu_recorder::RecordError;
@@ -56,11 +55,11 @@ impl CommandError {
     }
 
     /// Prints the message and returns the exit code.
-    pub fn report(&self) -> ExitCode {
+    pub fn report(&self) -> u8 {
         if !self.message.is_empty() {
             note(format_args!("geu: {}\n", self.message.trim_end()));
         }
-        ExitCode::from(self.code)
+        self.code
     }
 }
 

@@ -1,25 +1,31 @@
 //! `geu decode`: recordings and live links to rows.
 
+mod output;
+pub mod table;
+
+use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{ArgAction, Args, ValueEnum};
+use geu_archive::{Columns, DeviceColumns, FileFormat, UnitColumns};
 use geu_files::interruption::stop_flag;
 use geu_model::device::Device;
 use geu_protocol::CanIdMap;
 use geu_protocol::capture::Format as InputFormat;
 use geu_recording::{
-    Decode, DecodeSummary, DecoderOptions, Defect, DeviceDecoder, InputError, InputReader, Sink, Stop, is_live,
+    Decode, DecodeSummary, DecoderOptions, Defect, DeviceDecoder, DeviceSample, InputError, InputReader, ReceivedSample, Sink, Stop, is_live,
 };
 use geu_report::rows::{DefectLines, DeviceRows, TextFormat, write_row};
 
 use crate::command_error::{CommandError, note};
 use crate::device::{DEFAULT_DEVICE, device};
 use crate::output_writer::{BUFFER, OutputWriter};
-use crate::outputs::OutputFile;
+use crate::outputs::{OutputDirectory, OutputFile, persist};
 use crate::settings::{LONGEST_S, can_base, choice, duration};
+use output::{BATCH_ROWS, ColumnPlace, ColumnRows, NoRows, RowOutput, TextRows};
 
-/// Decodes recordings or live links to CSV, JSON lines or a summary.
+/// Decodes recordings or live links to CSV, JSON lines, Parquet, Arrow or a summary.
 #[derive(Args)]
 pub struct Arguments {
     /// Recording, `-`, serial device, pty, CAN interface or HOST:PORT of `--tcp` (live); several are one stream, in order.
@@ -35,6 +41,13 @@ pub struct Arguments {
     /// FILE.….partial; FILE is the previous file or complete. A process that is killed leaves FILE.….partial.
     #[arg(long, value_name = "FILE")]
     out: Option<OutputFile>,
+    /// Directory of an archive, with --format parquet or arrow: the samples of each day are a file of their own,
+    /// device=NAME/day=YYYY-MM-DD/HHMMSS.….parquet, named by its first sample.
+    #[arg(long, value_name = "DIRECTORY", conflicts_with = "out")]
+    partition: Option<OutputDirectory>,
+    /// Replace files of the archive.
+    #[arg(long, requires = "partition")]
+    force: bool,
     /// Output file of the defects, one JSON object a line: place, kind, bytes; with a count for repetitions.
     /// The file is complete or absent.
     #[arg(long, value_name = "FILE")]
@@ -146,6 +159,10 @@ enum Format {
     Csv,
     /// One JSON object a line.
     Jsonl,
+    /// Parquet: columns with their units, a column of true and false for each flag.
+    Parquet,
+    /// Arrow IPC file (Feather 2), the same columns.
+    Arrow,
     /// The summary alone.
     Summary,
 }
@@ -164,33 +181,46 @@ pub fn input_format() -> impl TypedValueParser<Value = &'static InputFormat> {
 /// # Errors
 /// An input cannot be read, an output cannot be written; with `--strict`, defects.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
+    arguments.verify_format()?;
     match arguments.device.as_deref().filter(|name| *name != DEFAULT_DEVICE) {
         Some(name) => {
             let device = device(name)?;
-            let rows = DeviceRows::new(arguments.text_format(), &device);
             let reader = arguments.reading.device_reader(&arguments.inputs, &device)?;
-            decode(arguments, reader, rows.header(), move |row, out| rows.write(row, out))
+            match arguments.format.of_rows() {
+                RowFormat::None => decode(arguments, reader, NoRows),
+                RowFormat::Columns(format) => decode(arguments, reader, arguments.columns(format, DeviceColumns::new(&device))),
+                RowFormat::Text(format) => {
+                    let rows = DeviceRows::new(format, &device);
+                    let header = rows.header();
+                    decode(arguments, reader, arguments.text(header, move |row: &DeviceSample, out: &mut Vec<u8>| rows.write(row, out)))
+                }
+            }
         }
         None => {
-            let (format, with_bits) = (arguments.text_format(), arguments.flags);
-            let reader = arguments.reading.reader(&arguments.inputs)?;
-            decode(arguments, reader, format.header(with_bits), move |row, out| write_row(format, with_bits, row, out))
+            let (with_bits, reader) = (arguments.flags, arguments.reading.reader(&arguments.inputs)?);
+            match arguments.format.of_rows() {
+                RowFormat::None => decode(arguments, reader, NoRows),
+                RowFormat::Columns(format) => decode(arguments, reader, arguments.columns(format, UnitColumns::default())),
+                RowFormat::Text(format) => {
+                    let write = move |row: &ReceivedSample, out: &mut Vec<u8>| write_row(format, with_bits, row, out);
+                    decode(arguments, reader, arguments.text(format.header(with_bits), write))
+                }
+            }
         }
     }
 }
 
-/// Decodes the inputs to rows that `write` appends.
+/// Decodes the inputs to rows.
 fn decode<D: Decode>(
     arguments: &Arguments,
     mut reader: InputReader<D>,
-    header: String,
-    write: impl FnMut(&D::Row, &mut Vec<u8>),
+    rows: impl RowOutput<D::Row>,
 ) -> Result<(), CommandError> {
-    let mut writer = Writer::new(arguments, header, write);
+    let mut writer = Writer::new(arguments, rows);
     let (mut result, mut read): (Result<(), InputError>, _) = (Ok(()), 0);
     for input in &arguments.inputs {
         result = reader.read(input, &mut writer);
-        if result.is_err() || writer.is_closed() || reader.is_stopped() {
+        if result.is_err() || writer.broken.is_some() || reader.is_stopped() {
             break;
         }
         read += 1;
@@ -199,19 +229,20 @@ fn decode<D: Decode>(
     let result = result.and(ending);
     let is_refused = is_refused(&result, &summary, read);
     if !is_refused {
-        writer.flush();
+        writer.write_out();
     }
     if let Some(failure) = writer.broken.take() {
         return Err(failure);
     }
+    let mut outputs = Vec::new();
     if arguments.format == Format::Summary && writer.is_open && !is_refused {
         let mut out = OutputWriter::open(arguments.out.as_ref())?;
         out.buffer = summary.to_string().into_bytes();
-        out.flush()?;
-        writer.rows = Some(out);
+        outputs.push(out.complete()?);
     }
     if gives_rows(&result) {
-        OutputWriter::finish([writer.rows.take(), writer.defects.take()].into_iter().flatten())?;
+        outputs.extend(writer.finish()?);
+        persist(outputs)?;
     }
     if arguments.format != Format::Summary && !arguments.quiet && summary.account.records + summary.account.bytes > 0 {
         note(format_args!("{summary}"));
@@ -222,9 +253,51 @@ fn decode<D: Decode>(
     arguments.check_strict(summary.account.defect_count())
 }
 
+/// A format of rows.
+enum RowFormat {
+    Text(TextFormat),
+    Columns(FileFormat),
+    None,
+}
+
+impl Format {
+    fn of_rows(self) -> RowFormat {
+        match self {
+            Format::Csv => RowFormat::Text(TextFormat::Csv),
+            Format::Jsonl => RowFormat::Text(TextFormat::Jsonl),
+            Format::Parquet => RowFormat::Columns(FileFormat::Parquet),
+            Format::Arrow => RowFormat::Columns(FileFormat::Arrow),
+            Format::Summary => RowFormat::None,
+        }
+    }
+}
+
 impl Arguments {
-    fn text_format(&self) -> TextFormat {
-        if self.format == Format::Jsonl { TextFormat::Jsonl } else { TextFormat::Csv }
+    /// Refuses options that a format of rows does not have.
+    fn verify_format(&self) -> Result<(), CommandError> {
+        let is_columns = matches!(self.format.of_rows(), RowFormat::Columns(_));
+        if self.partition.is_some() && !is_columns {
+            return Err(CommandError::input("--partition: expected --format parquet or arrow"));
+        }
+        if self.flags && is_columns {
+            return Err(CommandError::input("--flags: expected none: each flag is a column of true and false in Parquet and Arrow"));
+        }
+        if is_columns && self.partition.is_none() && self.out.is_none() && std::io::stdout().is_terminal() {
+            return Err(CommandError::input("--format: expected --out FILE, or a pipe, for a format that is no text"));
+        }
+        Ok(())
+    }
+
+    fn text<W>(&self, header: String, write: W) -> TextRows<'_, W> {
+        TextRows { out: self.out.as_ref(), header, write, writer: None }
+    }
+
+    fn columns<C: Columns>(&self, format: FileFormat, columns: C) -> ColumnRows<'_, C> {
+        let place = match &self.partition {
+            Some(directory) => ColumnPlace::Partition(directory, self.force),
+            None => ColumnPlace::File(self.out.as_ref()),
+        };
+        ColumnRows { columns, format, place, files: None }
     }
 
     fn check_strict(&self, defects: u64) -> Result<(), CommandError> {
@@ -249,49 +322,70 @@ pub fn is_refused(result: &Result<(), InputError>, summary: &DecodeSummary, read
 }
 
 /// Writes rows and defects as they are read.
-struct Writer<'a, W> {
+struct Writer<'a, O> {
     arguments: &'a Arguments,
-    header: String,
-    write: W,
+    rows: O,
     /// True once an input, and with it the outputs, are open.
     is_open: bool,
-    rows: Option<OutputWriter>,
     defects: Option<OutputWriter>,
     lines: DefectLines,
     /// The first failure of writing.
     broken: Option<CommandError>,
 }
 
-impl<'a, W> Writer<'a, W> {
-    fn new(arguments: &'a Arguments, header: String, write: W) -> Writer<'a, W> {
-        let lines = DefectLines::default();
-        Writer { arguments, header, write, is_open: false, rows: None, defects: None, lines, broken: None }
+impl<'a, O> Writer<'a, O> {
+    fn new(arguments: &'a Arguments, rows: O) -> Writer<'a, O> {
+        Writer { arguments, rows, is_open: false, defects: None, lines: DefectLines::default(), broken: None }
     }
 
-    fn open(&mut self) -> Result<(), CommandError> {
-        self.rows = match self.arguments.format {
-            Format::Summary => None,
-            Format::Csv | Format::Jsonl => {
-                let mut output = OutputWriter::open(self.arguments.out.as_ref())?;
-                output.buffer.extend_from_slice(self.header.as_bytes());
-                Some(output)
-            }
-        };
+    /// Keeps the first failure.
+    fn keep(&mut self, result: Result<(), CommandError>) {
+        if let Err(failure) = result {
+            self.broken.get_or_insert(failure);
+        }
+    }
+
+    fn open<R>(&mut self) -> Result<(), CommandError>
+    where
+        O: RowOutput<R>,
+    {
+        self.rows.open()?;
         self.defects = self.arguments.defects.as_ref().map(|path| OutputWriter::open(Some(path))).transpose()?;
         Ok(())
     }
 
     #[cold]
-    fn write_out(&mut self) {
-        for output in [&mut self.rows, &mut self.defects].into_iter().flatten() {
-            if let Err(failure) = output.flush() {
-                self.broken.get_or_insert(failure);
-            }
+    fn write_out<R>(&mut self)
+    where
+        O: RowOutput<R>,
+    {
+        if !self.is_open {
+            return;
         }
+        if let Some(output) = &mut self.defects {
+            self.lines.end(&mut output.buffer);
+            let written = output.flush();
+            self.keep(written);
+        }
+        let written = self.rows.flush();
+        self.keep(written);
+    }
+
+    /// The complete files; none if no input was open.
+    fn finish<R>(self) -> Result<Vec<geu_files::Output>, CommandError>
+    where
+        O: RowOutput<R>,
+    {
+        if !self.is_open {
+            return Ok(Vec::new());
+        }
+        let mut outputs = self.rows.finish()?;
+        outputs.extend(self.defects.map(OutputWriter::complete).transpose()?);
+        Ok(outputs)
     }
 }
 
-impl<R, W: FnMut(&R, &mut Vec<u8>)> Sink<R> for Writer<'_, W> {
+impl<R, O: RowOutput<R>> Sink<R> for Writer<'_, O> {
     fn opened(&mut self) {
         if !self.is_open {
             self.is_open = true;
@@ -304,27 +398,21 @@ impl<R, W: FnMut(&R, &mut Vec<u8>)> Sink<R> for Writer<'_, W> {
         if let Some(output) = &mut self.defects {
             self.lines.end(&mut output.buffer);
         }
-        if let Some(output) = &mut self.rows {
-            (self.write)(row, &mut output.buffer);
-            if output.buffer.len() >= BUFFER {
-                self.write_out();
-            }
-        }
+        let written = self.rows.row(row);
+        self.keep(written);
     }
 
     fn defect(&mut self, defect: &Defect) {
         if let Some(output) = &mut self.defects {
             self.lines.push(defect, &mut output.buffer);
             if output.buffer.len() >= BUFFER {
-                self.write_out();
+                let written = output.flush();
+                self.keep(written);
             }
         }
     }
 
     fn flush(&mut self) {
-        if let Some(output) = &mut self.defects {
-            self.lines.end(&mut output.buffer);
-        }
         self.write_out();
     }
 

@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::Path;
 
 use crate::command_error::CommandError;
-use crate::outputs::OutputFile;
+use crate::outputs::{OutputFile, persist};
 
 /// Bytes kept before they are written.
 pub const BUFFER: usize = 1 << 18;
@@ -43,13 +43,20 @@ impl OutputWriter {
         })
     }
 
+    /// Writes the buffer; the complete file is still beside its final path.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn complete(mut self) -> Result<geu_files::Output, CommandError> {
+        self.flush()?;
+        Ok(self.writer)
+    }
+
     /// Writes all outputs and moves each to its final place.
     ///
     /// # Errors
     /// One cannot be written; then the previous files are kept.
     pub fn finish(outputs: impl IntoIterator<Item = OutputWriter>) -> Result<(), CommandError> {
-        let flush = |mut output: OutputWriter| output.flush().map(|()| output.writer);
-        let written = outputs.into_iter().map(flush).collect::<Result<Vec<_>, CommandError>>()?;
-        geu_files::persist_all(written).map_err(CommandError::writing)
+        persist(outputs.into_iter().map(OutputWriter::complete).collect::<Result<Vec<_>, CommandError>>()?)
     }
 }

@@ -32,6 +32,10 @@ impl Display for OutputFile {
 }
 
 impl OutputFile {
+    pub fn standard() -> OutputFile {
+        OutputFile("-".into())
+    }
+
     /// Starts the file beside its final place.
     ///
     /// # Errors
@@ -65,6 +69,10 @@ impl From<OsString> for OutputDirectory {
 }
 
 impl OutputDirectory {
+    pub fn path(&self) -> &Path {
+        &self.0
+    }
+
     /// Returns the path after checking that these files may be written into the directory.
     ///
     /// # Errors
@@ -103,6 +111,14 @@ pub fn write_all<'a>(outputs: impl IntoIterator<Item = (&'a OutputFile, String)>
         written.map(|()| output).map_err(|error| file.write_error(error))
     };
     let outputs = outputs.into_iter().map(complete).collect::<Result<Vec<_>, CommandError>>()?;
+    persist(outputs)
+}
+
+/// Moves complete files to their final paths.
+///
+/// # Errors
+/// One cannot be moved; then the previous files are kept.
+pub fn persist(outputs: Vec<Output>) -> Result<(), CommandError> {
     persist_all(outputs).map_err(CommandError::writing)
 }
 

@@ -1,0 +1,181 @@
+//! Parquet and Arrow files of batches, one file or one for each day of a unit.
+
+use std::collections::BTreeMap;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use arrow_array::cast::AsArray;
+use arrow_array::types::TimestampMicrosecondType;
+use arrow_array::{Array, RecordBatch};
+use arrow_ipc::writer::FileWriter;
+use arrow_schema::{ArrowError, SchemaRef};
+use geu_files::Output;
+use parquet::arrow::ArrowWriter;
+use parquet::basic::{Compression, ZstdLevel};
+use parquet::errors::ParquetError;
+use parquet::file::properties::WriterProperties;
+
+/// A format of columns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FileFormat {
+    Parquet,
+    /// Arrow IPC file, also known as Feather 2.
+    Arrow,
+}
+
+impl FileFormat {
+    /// End of the name of a file in a partition.
+    pub const fn suffix(self) -> &'static str {
+        match self {
+            FileFormat::Parquet => "parquet",
+            FileFormat::Arrow => "arrow",
+        }
+    }
+}
+
+/// A file of batches that is written.
+pub enum BatchFile {
+    Parquet(Box<ArrowWriter<Output>>),
+    Arrow(Box<FileWriter<Output>>),
+}
+
+impl BatchFile {
+    /// Starts a file.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn new(output: Output, format: FileFormat, schema: &SchemaRef) -> io::Result<BatchFile> {
+        match format {
+            FileFormat::Parquet => {
+                let level = ZstdLevel::try_new(3).map_err(from_parquet)?;
+                let properties = WriterProperties::builder().set_compression(Compression::ZSTD(level)).build();
+                let writer = ArrowWriter::try_new(output, schema.clone(), Some(properties)).map_err(from_parquet)?;
+                Ok(BatchFile::Parquet(Box::new(writer)))
+            }
+            FileFormat::Arrow => {
+                Ok(BatchFile::Arrow(Box::new(FileWriter::try_new(output, schema).map_err(from_arrow)?)))
+            }
+        }
+    }
+
+    /// Appends rows.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write(&mut self, batch: &RecordBatch) -> io::Result<()> {
+        match self {
+            BatchFile::Parquet(file) => file.write(batch).map_err(from_parquet),
+            BatchFile::Arrow(file) => file.write(batch).map_err(from_arrow),
+        }
+    }
+
+    /// The complete file, still beside its final path.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn finish(self) -> io::Result<Output> {
+        let mut output = match self {
+            BatchFile::Parquet(file) => file.into_inner().map_err(from_parquet)?,
+            BatchFile::Arrow(mut file) => {
+                file.finish().map_err(from_arrow)?;
+                file.into_inner().map_err(from_arrow)?
+            }
+        };
+        output.flush()?;
+        Ok(output)
+    }
+}
+
+fn from_parquet(error: ParquetError) -> io::Error {
+    match error {
+        ParquetError::External(error) => match error.downcast::<io::Error>() {
+            Ok(error) => *error,
+            Err(error) => io::Error::other(error),
+        },
+        error => io::Error::other(error),
+    }
+}
+
+fn from_arrow(error: ArrowError) -> io::Error {
+    match error {
+        ArrowError::IoError(_, error) => error,
+        error => io::Error::other(error),
+    }
+}
+
+/// Files of an archive: `device=NAME/day=YYYY-MM-DD/HHMMSS.ffffff.SUFFIX`, named by their first sample.
+///
+/// DuckDB, Polars and Spark read the names of such directories as columns.
+pub struct Partition {
+    directory: PathBuf,
+    format: FileFormat,
+    schema: SchemaRef,
+    replaces: bool,
+    /// By their days since 1970.
+    files: BTreeMap<i64, BatchFile>,
+}
+
+const MICROSECONDS_A_DAY: i64 = 86_400_000_000;
+
+impl Partition {
+    /// Files in `directory`, for the unit of this name.
+    pub fn new(directory: &Path, format: FileFormat, schema: &SchemaRef, replaces: bool) -> Partition {
+        let device = schema.metadata().get(crate::DEVICE).map_or("", |name| name);
+        let directory = directory.join(format!("device={}", escaped(device)));
+        Partition { directory, format, schema: schema.clone(), replaces, files: BTreeMap::new() }
+    }
+
+    /// Appends rows to the files of their days; a row without a time is in that of 1970-01-01.
+    ///
+    /// # Errors
+    /// A file exists, unless files are replaced, or cannot be written.
+    pub fn write(&mut self, batch: &RecordBatch) -> io::Result<()> {
+        let time = batch.column(0).as_primitive::<TimestampMicrosecondType>();
+        let at = |row: usize| if time.is_valid(row) { time.value(row) } else { 0 };
+        let mut from = 0;
+        while from < batch.num_rows() {
+            let day = at(from).div_euclid(MICROSECONDS_A_DAY);
+            let same = (from..batch.num_rows()).take_while(|row| at(*row).div_euclid(MICROSECONDS_A_DAY) == day);
+            let count = same.count();
+            let rows = batch.slice(from, count);
+            if !self.files.contains_key(&day) {
+                let file = self.open(day, at(from).rem_euclid(MICROSECONDS_A_DAY))?;
+                self.files.insert(day, file);
+            }
+            if let Some(file) = self.files.get_mut(&day) {
+                file.write(&rows)?;
+            }
+            from += count;
+        }
+        Ok(())
+    }
+
+    fn open(&self, day: i64, of_day_us: i64) -> io::Result<BatchFile> {
+        let (year, month, of_month) = geu_protocol::calendar::date(day);
+        let directory = self.directory.join(format!("day={year:04}-{month:02}-{of_month:02}"));
+        let (seconds, fraction) = (of_day_us / 1_000_000, of_day_us % 1_000_000);
+        let (hours, minutes, seconds) = (seconds / 3600, seconds / 60 % 60, seconds % 60);
+        let name = format!("{hours:02}{minutes:02}{seconds:02}.{fraction:06}.{}", self.format.suffix());
+        let path = directory.join(name);
+        if !self.replaces && path.exists() {
+            let text = format!("{}: exists: these samples are in the archive; --force replaces them", path.display());
+            return Err(io::Error::new(io::ErrorKind::AlreadyExists, text));
+        }
+        std::fs::create_dir_all(&directory)?;
+        BatchFile::new(Output::create(&path)?, self.format, &self.schema)
+    }
+
+    /// The complete files, still beside their final paths.
+    ///
+    /// # Errors
+    /// A file cannot be written.
+    pub fn finish(self) -> io::Result<Vec<Output>> {
+        self.files.into_values().map(BatchFile::finish).collect()
+    }
+}
+
+/// A name as the directory of a partition has it.
+fn escaped(name: &str) -> String {
+    let is_plain = |letter: char| letter.is_alphanumeric() || "._-".contains(letter);
+    name.chars().map(|letter| if is_plain(letter) { letter } else { '_' }).collect()
+}

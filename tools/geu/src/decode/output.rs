@@ -1,0 +1,162 @@
+//! Outputs of rows: text, columns, or none.
+
+use geu_archive::{BatchFile, Columns, FileFormat, Partition};
+use geu_files::Output;
+
+use crate::command_error::CommandError;
+use crate::output_writer::{BUFFER, OutputWriter};
+use crate::outputs::{OutputDirectory, OutputFile};
+
+/// An output of rows. It is written until the end, complete or absent.
+pub trait RowOutput<R> {
+    /// Starts the output.
+    fn open(&mut self) -> Result<(), CommandError>;
+    fn row(&mut self, row: &R) -> Result<(), CommandError>;
+    /// Writes what was kept, for a live input.
+    fn flush(&mut self) -> Result<(), CommandError>;
+    /// The complete files, still beside their final paths.
+    fn finish(self) -> Result<Vec<Output>, CommandError>;
+}
+
+/// No rows.
+pub struct NoRows;
+
+impl<R> RowOutput<R> for NoRows {
+    fn open(&mut self) -> Result<(), CommandError> {
+        Ok(())
+    }
+
+    fn row(&mut self, _row: &R) -> Result<(), CommandError> {
+        Ok(())
+    }
+
+    fn flush(&mut self) -> Result<(), CommandError> {
+        Ok(())
+    }
+
+    fn finish(self) -> Result<Vec<Output>, CommandError> {
+        Ok(Vec::new())
+    }
+}
+
+/// Rows as text that `write` appends.
+pub struct TextRows<'a, W> {
+    pub out: Option<&'a OutputFile>,
+    pub header: String,
+    pub write: W,
+    pub writer: Option<OutputWriter>,
+}
+
+impl<R, W: FnMut(&R, &mut Vec<u8>)> RowOutput<R> for TextRows<'_, W> {
+    fn open(&mut self) -> Result<(), CommandError> {
+        let mut writer = OutputWriter::open(self.out)?;
+        writer.buffer.extend_from_slice(self.header.as_bytes());
+        self.writer = Some(writer);
+        Ok(())
+    }
+
+    #[inline]
+    fn row(&mut self, row: &R) -> Result<(), CommandError> {
+        let Some(writer) = &mut self.writer else { return Ok(()) };
+        (self.write)(row, &mut writer.buffer);
+        if writer.buffer.len() >= BUFFER { writer.flush() } else { Ok(()) }
+    }
+
+    fn flush(&mut self) -> Result<(), CommandError> {
+        self.writer.as_mut().map_or(Ok(()), OutputWriter::flush)
+    }
+
+    fn finish(self) -> Result<Vec<Output>, CommandError> {
+        Ok(self.writer.map(OutputWriter::complete).transpose()?.into_iter().collect())
+    }
+}
+
+/// Where columns are written.
+#[derive(Clone, Copy)]
+pub enum ColumnPlace<'a> {
+    /// A file, or standard output.
+    File(Option<&'a OutputFile>),
+    /// A directory with files of days; true if they replace others.
+    Partition(&'a OutputDirectory, bool),
+}
+
+/// Rows as columns.
+pub struct ColumnRows<'a, C> {
+    pub columns: C,
+    pub format: FileFormat,
+    pub place: ColumnPlace<'a>,
+    pub files: Option<ColumnFiles>,
+}
+
+pub enum ColumnFiles {
+    File(BatchFile),
+    Partition(Partition),
+}
+
+/// Rows of a batch.
+pub const BATCH_ROWS: usize = 1 << 16;
+
+impl<C: Columns> ColumnRows<'_, C> {
+    fn failed(&self, error: std::io::Error) -> CommandError {
+        match self.place {
+            ColumnPlace::File(Some(file)) => file.write_error(error),
+            ColumnPlace::Partition(..) if error.kind() == std::io::ErrorKind::AlreadyExists => {
+                CommandError::input(error)
+            }
+            _ => CommandError::writing(error),
+        }
+    }
+
+    #[cold]
+    fn write_batch(&mut self) -> Result<(), CommandError> {
+        let batch = self.columns.take();
+        let written = match &mut self.files {
+            Some(ColumnFiles::File(file)) => file.write(&batch),
+            Some(ColumnFiles::Partition(files)) => files.write(&batch),
+            None => Ok(()),
+        };
+        written.map_err(|error| self.failed(error))
+    }
+}
+
+impl<C: Columns> RowOutput<C::Row> for ColumnRows<'_, C> {
+    fn open(&mut self) -> Result<(), CommandError> {
+        let (format, schema) = (self.format, self.columns.schema());
+        self.files = Some(match self.place {
+            ColumnPlace::File(file) => {
+                let output = match file {
+                    Some(file) => file.create()?,
+                    None => OutputFile::standard().create()?,
+                };
+                let file = BatchFile::new(output, format, &schema).map_err(|error| self.failed(error))?;
+                ColumnFiles::File(file)
+            }
+            ColumnPlace::Partition(directory, replaces) => {
+                ColumnFiles::Partition(Partition::new(directory.path(), format, &schema, replaces))
+            }
+        });
+        Ok(())
+    }
+
+    #[inline]
+    fn row(&mut self, row: &C::Row) -> Result<(), CommandError> {
+        self.columns.push(row);
+        if self.columns.len() >= BATCH_ROWS { self.write_batch() } else { Ok(()) }
+    }
+
+    fn flush(&mut self) -> Result<(), CommandError> {
+        Ok(())
+    }
+
+    fn finish(mut self) -> Result<Vec<Output>, CommandError> {
+        if !self.columns.is_empty() {
+            self.write_batch()?;
+        }
+        let finished = match self.files.take() {
+            Some(ColumnFiles::File(file)) => file.finish().map(|output| vec![output]),
+            Some(ColumnFiles::Partition(files)) => files.finish(),
+            None => Ok(Vec::new()),
+        };
+        finished.map_err(|error| self.failed(error))
+    }
+}

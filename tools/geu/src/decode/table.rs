@@ -1,0 +1,143 @@
+//! `geu decode` in memory: Arrow batches, for programs.
+
+use std::ffi::OsString;
+use std::time::{Duration, Instant};
+
+use clap::{Args, FromArgMatches};
+use geu_archive::{Columns, DeviceColumns, RecordBatch, SchemaRef, UnitColumns};
+use geu_recording::{Decode, Decoder, Defect, DeviceDecoder, InputReader, Sink, Stop};
+use geu_report::rows::DefectLines;
+
+use super::{Arguments, BATCH_ROWS, gives_rows};
+use crate::command_error::CommandError;
+use crate::device::{DEFAULT_DEVICE, device};
+
+/// Rows of decoded inputs.
+pub struct DecodedTable {
+    pub schema: SchemaRef,
+    pub batches: Vec<RecordBatch>,
+    /// What was read, decoded and lost, in words.
+    pub summary: String,
+    /// One JSON object a line, as `--defects` writes.
+    pub defects: String,
+    /// Why the rows end before the inputs do: a broken container, a closed link.
+    pub broken: Option<String>,
+}
+
+/// Decodes inputs with the arguments of `geu decode`; options of outputs have no effect. `is_interrupted` is asked while it waits and after
+/// each batch.
+///
+/// # Errors
+/// Arguments that are not valid, an input that cannot be read; `None` if interrupted.
+pub fn decode_table(
+    arguments: impl IntoIterator<Item = OsString>,
+    is_interrupted: impl FnMut() -> bool,
+) -> Result<Option<DecodedTable>, CommandError> {
+    let command = Arguments::augment_args(clap::Command::new("decode").no_binary_name(true).disable_help_flag(true));
+    let arguments = command.try_get_matches_from(arguments).and_then(|matches| Arguments::from_arg_matches(&matches));
+    let arguments = arguments.map_err(|error| {
+        let text = error.render().to_string();
+        let first = text.split("\n\n").next().unwrap_or_default();
+        CommandError::input(first.trim_start_matches("error: ").split_whitespace().collect::<Vec<_>>().join(" "))
+    })?;
+    let mut options = arguments.reading.options();
+    let deadline = arguments.reading.duration.map(|duration_s| Instant::now() + Duration::from_secs_f64(duration_s));
+    let stop = Stop { flag: None, deadline };
+    match arguments.device.as_deref().filter(|name| *name != DEFAULT_DEVICE) {
+        None => {
+            let reader = InputReader::with(Decoder::new(&options), options, stop);
+            table(&arguments, reader, UnitColumns::default(), is_interrupted)
+        }
+        Some(name) => {
+            let device = device(name)?;
+            options.baud = options.baud.or(device.serial.as_ref().map(|serial| serial.baud));
+            let reader = InputReader::with(DeviceDecoder::new(&device, &options), options, stop);
+            table(&arguments, reader, DeviceColumns::new(&device), is_interrupted)
+        }
+    }
+}
+
+fn table<D: Decode, C: Columns<Row = D::Row>>(
+    arguments: &Arguments,
+    mut reader: InputReader<D>,
+    columns: C,
+    is_interrupted: impl FnMut() -> bool,
+) -> Result<Option<DecodedTable>, CommandError> {
+    let mut batches = Batches {
+        columns,
+        batches: Vec::new(),
+        lines: DefectLines::default(),
+        defects: Vec::new(),
+        is_interrupted,
+        is_closed: false,
+    };
+    let mut result = Ok(());
+    for input in &arguments.inputs {
+        result = reader.read(input, &mut batches);
+        if result.is_err() || batches.is_closed || reader.is_stopped() {
+            break;
+        }
+    }
+    let (summary, ending) = reader.finish(&mut batches);
+    if batches.is_closed {
+        return Ok(None);
+    }
+    let result = result.and(ending);
+    if !gives_rows(&result) {
+        result?;
+        return Ok(None);
+    }
+    batches.end_batch();
+    batches.lines.end(&mut batches.defects);
+    arguments.check_strict(summary.account.defect_count())?;
+    Ok(Some(DecodedTable {
+        schema: batches.columns.schema(),
+        batches: batches.batches,
+        summary: summary.to_string(),
+        defects: String::from_utf8_lossy(&batches.defects).into_owned(),
+        broken: result.err().map(|error| error.to_string()),
+    }))
+}
+
+/// Collects batches and defects.
+struct Batches<C, I> {
+    columns: C,
+    batches: Vec<RecordBatch>,
+    lines: DefectLines,
+    defects: Vec<u8>,
+    is_interrupted: I,
+    is_closed: bool,
+}
+
+impl<C: Columns, I: FnMut() -> bool> Batches<C, I> {
+    #[cold]
+    fn end_batch(&mut self) {
+        if !self.columns.is_empty() {
+            self.batches.push(self.columns.take());
+        }
+        self.is_closed |= (self.is_interrupted)();
+    }
+}
+
+impl<C: Columns, I: FnMut() -> bool> Sink<C::Row> for Batches<C, I> {
+    #[inline]
+    fn row(&mut self, row: &C::Row) {
+        self.lines.end(&mut self.defects);
+        self.columns.push(row);
+        if self.columns.len() >= BATCH_ROWS {
+            self.end_batch();
+        }
+    }
+
+    fn defect(&mut self, defect: &Defect) {
+        self.lines.push(defect, &mut self.defects);
+    }
+
+    fn flush(&mut self) {
+        self.is_closed |= (self.is_interrupted)();
+    }
+
+    fn is_closed(&self) -> bool {
+        self.is_closed
+    }
+}

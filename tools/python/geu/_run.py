@@ -1,0 +1,92 @@
+"""Runs the command in a process of its own."""
+
+import contextlib
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from .errors import error
+
+COMMAND = [sys.executable, "-m", "geu"]
+
+
+def environment():
+    """The environment of a command, which finds this package wherever Python was started."""
+    path = [str(Path(__file__).resolve().parent.parent), os.environ.get("PYTHONPATH", "")]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, path)), "PYTHONDONTWRITEBYTECODE": "1"}
+
+
+def options(**values):
+    """Options of the command: `reference_sigma=3` is `--reference-sigma=3`, True an option without a value; None and False are left out."""
+    arguments = []
+    for name, value in values.items():
+        name = "--" + name.replace("_", "-")
+        if value is None or value is False:
+            continue
+        if value is True:
+            arguments.append(name)
+        elif isinstance(value, dict):
+            arguments += [f"{name}={path}={toml(item)}" for path, item in value.items()]
+        elif isinstance(value, (list, tuple)):
+            arguments += [f"{name}={os.fspath(item) if isinstance(item, os.PathLike) else item}" for item in value]
+        else:
+            arguments.append(f"{name}={os.fspath(value) if isinstance(value, os.PathLike) else value}")
+    return arguments
+
+
+def toml(value):
+    """A value as `--set` takes it."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(toml(item) for item in value) + "]"
+    return str(value)
+
+
+def paths(value):
+    """One path or several as a list of texts."""
+    return [os.fspath(item) for item in (value if isinstance(value, (list, tuple)) else [value])]
+
+
+def run(*arguments, accepted=(0,), text=None):
+    """Runs the command; returns its standard output, its exit code and its standard error.
+
+    Raises
+    ------
+    GeuError
+        Another exit code than these.
+    """
+    done = subprocess.run([*COMMAND, *arguments], capture_output=True, text=True, errors="replace", env=environment(),
+                          input=text, stdin=None if text is not None else subprocess.DEVNULL)
+    if done.returncode not in accepted:
+        raise error(message(done.stderr), done.returncode)
+    return done.stdout, done.returncode, done.stderr
+
+
+def message(standard_error):
+    """The message of a failed command; notes before it are left out."""
+    lines = standard_error.strip().splitlines()
+    starts = [index for index, line in enumerate(lines) if line.startswith(("geu: ", "error: "))]
+    text = "\n".join(lines[starts[-1]:]) if starts else standard_error.strip()
+    return text.removeprefix("geu: ").removeprefix("error: ").split("\n\nUsage:")[0].split("\n\nFor more information")[0].strip()
+
+
+@contextlib.contextmanager
+def scratch():
+    """A directory that is removed afterwards."""
+    with tempfile.TemporaryDirectory(prefix="geu-") as directory:
+        yield Path(directory)
+
+
+@contextlib.contextmanager
+def configuration_file(configuration):
+    """The path of a configuration: of a file as it is, of a `Configuration` its text in a file; None stays None."""
+    if configuration is None or isinstance(configuration, (str, os.PathLike)):
+        yield None if configuration is None else os.fspath(configuration)
+        return
+    with scratch() as directory:
+        path = directory / "configuration.toml"
+        path.write_text(configuration.text)
+        yield str(path)

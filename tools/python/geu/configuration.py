@@ -1,0 +1,63 @@
+"""Configurations of a unit."""
+
+import os
+from pathlib import Path
+
+from ._run import configuration_file, options, run
+
+
+class Configuration:
+    """A configuration: the text of a TOML file that the command accepts.
+
+    Parameters
+    ----------
+    source : path or str, optional
+        A file, or the text itself if it contains a line end or ``=``; the reference unit without it.
+    device : str or path, optional
+        Another unit than the default one.
+
+    Raises
+    ------
+    InputError
+        It is not valid: file, line, what was expected.
+    """
+
+    def __init__(self, source=None, *, device=None):
+        self.device = os.fspath(device) if device is not None else None
+        if source is None:
+            self.text = run("config", "show", *options(device=self.device))[0]
+        elif isinstance(source, str) and ("\n" in source or "=" in source):
+            self.text = source
+        else:
+            self.text = Path(source).read_text()
+        self._shown()
+
+    def _shown(self, **values):
+        with configuration_file(self) as path:
+            return run("config", "show", path, *options(device=self.device, **values))[0]
+
+    def set(self, values=None, **named):
+        """A configuration with other values.
+
+        Parameters
+        ----------
+        values : dict
+            Paths and values: ``{"gyro.GYRX.drift.arcsec_per_h": 10}``.
+        **named
+            Values at the top: ``seed=3``.
+        """
+        changed = object.__new__(Configuration)
+        changed.device = self.device
+        changed.text = self._shown(set={**(values or {}), **named})
+        return changed
+
+    def show(self):
+        """The complete configuration with comments."""
+        return self._shown()
+
+    def to_toml(self):
+        """The text as it was given, or with the values that were set."""
+        return self.text
+
+    def __repr__(self):
+        return f"<geu.Configuration of {len(self.text.splitlines())} lines>"

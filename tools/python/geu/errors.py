@@ -1,0 +1,43 @@
+"""Errors, with their parts as attributes."""
+
+import re
+
+# As the command states them: `FILE:LINE:COLUMN: field: expected …, got …; hint`. Each part may be absent.
+_PLACE = re.compile(r"^(?P<file>[^\s:]+)(?::(?P<line>\d+))?(?::\d+)?: ")
+_EXPECTED = re.compile(r"expected (?P<expected>.+?)(?:, got (?P<got>[^;\n]+))?(?:;|\n|$)")
+
+
+class GeuError(Exception):
+    """A command failed: an output cannot be written, a link is broken, an expectation is not met.
+
+    Attributes
+    ----------
+    message : str
+        The whole message.
+    code : int
+        Exit code of the command: 1 failed, 2 bad usage or bad input.
+    file : str or None
+        File, option or link that it is about.
+    line : int or None
+        Line in the file.
+    expected, got : str or None
+        What was expected there, and what was found.
+    """
+
+    def __init__(self, message, code=1):
+        super().__init__(message)
+        self.message, self.code = message, code
+        place, content = _PLACE.match(message), _EXPECTED.search(message)
+        self.file = place["file"] if place else None
+        self.line = int(place["line"]) if place and place["line"] else None
+        self.expected = content["expected"].strip() if content else None
+        self.got = content["got"].strip() if content and content["got"] else None
+
+
+class InputError(GeuError, ValueError):
+    """An option, a configuration or an input is wrong."""
+
+
+def error(message, code):
+    """The exception of a message and an exit code."""
+    return (InputError if code == 2 else GeuError)(message, code)

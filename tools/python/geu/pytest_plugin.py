@@ -1,0 +1,126 @@
+"""Fixtures for tests of on-board software: `geu`, a running unit, and `geu_link`, the address of its link.
+
+    @pytest.mark.geu(link="tcp", faults=PLAN)
+    def test_driver(geu, geu_link):
+        driver = Driver(geu_link)
+        geu.inject("stuck-count", "GYRX", counts=120, for_s=3)
+        ...
+
+The marker takes the parameters of `geu.Emulator`; `faults` may be the text of a plan. The run is recorded; a failing test's report states
+the recording, what its link carried, the faults and the verdicts on the expectations of the plan. A test also fails where
+an expectation of its plan is not met.
+"""
+
+import json
+import xml.etree.ElementTree
+from pathlib import Path
+
+import pytest
+
+from .emulator import Emulator
+from .errors import GeuError
+
+LINKS = ("pty", "tcp")
+
+
+def pytest_addoption(parser):
+    group = parser.getgroup("geu", "gyro electronics unit")
+    group.addoption("--geu-link", choices=LINKS, default="pty", help="link of the fixture geu, if a marker names none [default: pty]")
+    group.addoption("--geu-recordings", metavar="DIRECTORY", help="keep the recordings of all tests in this directory")
+
+
+def pytest_configure(config):
+    config.addinivalue_line("markers", "geu(link='pty'|'tcp', **parameters): the unit of the fixture geu, as geu.Emulator takes it")
+
+
+@pytest.fixture
+def geu(request, tmp_path_factory):
+    """A running unit on a free pty or TCP port: `geu.Emulator`."""
+    given = {}
+    for marker in reversed(list(request.node.iter_markers("geu"))):
+        if marker.args:
+            raise pytest.UsageError("marker geu: expected named parameters, such as link='tcp'")
+        given |= marker.kwargs
+    link = given.pop("link", None) or request.config.getoption("--geu-link")
+    if link not in LINKS:
+        raise pytest.UsageError(f"marker geu: link: expected {' or '.join(LINKS)}, got {link}")
+    directory = _directory(request, tmp_path_factory)
+    given.setdefault("record", directory / "recording")
+    given.setdefault("junit", directory / "expectations.xml")
+    faults = given.get("faults")
+    if isinstance(faults, str) and "\n" in faults:
+        given["faults"] = directory / "plan.toml"
+        given["faults"].write_text(faults)
+    if not {"pty", "tcp", "can", "serial"} & given.keys():
+        given[link] = True
+    with Emulator(**given) as unit:
+        unit.recording, unit.junit = Path(given["record"]), Path(given["junit"])
+        yield unit
+        code = unit.stop()
+    if code != 0 and not getattr(request.node, "geu_failed", False):
+        pytest.fail(f"geu: {unit.log.strip().splitlines()[-1] if unit.log.strip() else f'ended with {code}'}\n{_verdicts(unit)}", pytrace=False)
+
+
+@pytest.fixture
+def geu_link(geu):
+    """Address of the link of the unit: the path of a pty, or HOST:PORT."""
+    return geu.link
+
+
+def _directory(request, tmp_path_factory):
+    kept = request.config.getoption("--geu-recordings")
+    name = "".join(letter if letter.isalnum() else "_" for letter in request.node.name)[:60]
+    if kept is None:
+        return tmp_path_factory.mktemp(name)
+    directory = Path(kept) / name
+    directory.mkdir(parents=True, exist_ok=True)
+    return directory
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item, call):
+    report = yield
+    unit = getattr(item, "funcargs", {}).get("geu")
+    if report.when == "call" and report.failed and isinstance(unit, Emulator):
+        item.geu_failed = True
+        unit.stop()
+        report.sections.append(("geu", _section(unit)))
+    return report
+
+
+def _section(unit):
+    """What a failing test's report states of the unit."""
+    recording = unit.recording
+    lines = [f"link: {unit.links[0][0]} {unit.links[0][1]}", f"recording: {recording}"]
+    faults = recording / "faults.jsonl"
+    if faults.exists():
+        lines += ["faults:", *("  " + _event(line) for line in faults.read_text().splitlines()[:50])]
+    lines.append(_verdicts(unit))
+    if unit.log.strip():
+        lines += ["log:", *("  " + line for line in unit.log.strip().splitlines()[-20:])]
+    try:
+        from .simulation import Recording
+        lines += ["link decoded:", *("  " + line for line in Recording(recording).samples.summary.strip().splitlines())]
+    except (OSError, GeuError) as failure:
+        lines.append(f"link decoded: {failure}")
+    return "\n".join(filter(None, lines))
+
+
+def _event(line):
+    try:
+        return " ".join(f"{key}={value}" for key, value in json.loads(line).items() if not isinstance(value, (dict, list)))
+    except ValueError:
+        return line
+
+
+def _verdicts(unit):
+    """The verdicts on the expectations of the plan."""
+    try:
+        cases = xml.etree.ElementTree.parse(unit.junit).iter("testcase")
+    except (OSError, xml.etree.ElementTree.ParseError):
+        return ""
+    verdicts = []
+    for case in cases:
+        failure = case.find("failure")
+        verdicts.append(f"  {case.get('name')}: " + ("met" if failure is None else failure.get("message") or failure.text or "not met"))
+    return "\n".join(["expectations:", *verdicts]) if verdicts else ""

@@ -1,0 +1,110 @@
+//! The extension module `geu._geu`: the whole command, and `geu decode` as an Arrow stream.
+//!
+//! What else the package `geu` does starts the command as a process of its own, so that an interrupted or failed one leaves nothing
+//! behind in Python.
+
+use std::ffi::OsString;
+
+use arrow_array::ffi_stream::FFI_ArrowArrayStream;
+use arrow_array::{RecordBatch, RecordBatchIterator};
+use arrow_schema::SchemaRef;
+use arrow_schema::ffi::FFI_ArrowSchema;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyCapsule;
+
+/// Decoded samples in memory; any number of consumers may take the stream, without a copy.
+#[pyclass(frozen)]
+struct Table {
+    schema: SchemaRef,
+    batches: Vec<RecordBatch>,
+    #[pyo3(get)]
+    summary: String,
+    #[pyo3(get)]
+    defects: String,
+    #[pyo3(get)]
+    broken: Option<String>,
+}
+
+#[pymethods]
+impl Table {
+    #[getter]
+    fn rows(&self) -> usize {
+        self.batches.iter().map(RecordBatch::num_rows).sum()
+    }
+
+    /// Name and unit of each column; the unit is empty if it has none or stands in the name.
+    #[getter]
+    fn columns(&self) -> Vec<(String, String)> {
+        let unit = |field: &arrow_schema::Field| field.metadata().get("unit").cloned().unwrap_or_default();
+        self.schema.fields().iter().map(|field| (field.name().clone(), unit(field))).collect()
+    }
+
+    #[getter]
+    fn metadata(&self) -> std::collections::HashMap<String, String> {
+        self.schema.metadata().clone().into()
+    }
+
+    fn __arrow_c_schema__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyCapsule>> {
+        let schema = FFI_ArrowSchema::try_from(self.schema.as_ref()).map_err(|error| value_error(&error))?;
+        PyCapsule::new(py, schema, Some(c"arrow_schema".to_owned()))
+    }
+
+    /// The stream in its own schema; a consumer casts it to another one.
+    #[pyo3(signature = (requested_schema=None))]
+    fn __arrow_c_stream__<'py>(
+        &self,
+        py: Python<'py>,
+        requested_schema: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyCapsule>> {
+        let _ = requested_schema;
+        let batches: Vec<_> = self.batches.iter().cloned().map(Ok).collect();
+        let stream = FFI_ArrowArrayStream::new(Box::new(RecordBatchIterator::new(batches, self.schema.clone())));
+        PyCapsule::new(py, stream, Some(c"arrow_array_stream".to_owned()))
+    }
+}
+
+fn value_error(error: &dyn std::fmt::Display) -> PyErr {
+    PyValueError::new_err(error.to_string())
+}
+
+/// Decodes inputs with the arguments of `geu decode`.
+#[pyfunction]
+fn decode(py: Python<'_>, arguments: Vec<OsString>) -> PyResult<Table> {
+    let mut signal = None;
+    let decoded = py.detach(|| {
+        geu::decode_table(arguments, || {
+            signal = Python::attach(|py| py.check_signals()).err();
+            signal.is_some()
+        })
+    });
+    if let Some(signal) = signal {
+        return Err(signal);
+    }
+    match decoded {
+        Ok(Some(table)) => Ok(Table {
+            schema: table.schema,
+            batches: table.batches,
+            summary: table.summary,
+            defects: table.defects,
+            broken: table.broken,
+        }),
+        Ok(None) => Err(PyValueError::new_err("interrupted")),
+        Err(error) => Err(value_error(&error)),
+    }
+}
+
+/// Runs the command with these arguments, the program's name first; returns its exit code. It writes to the process's standard output and
+/// may end the process.
+#[pyfunction]
+fn command(py: Python<'_>, arguments: Vec<OsString>) -> u8 {
+    py.detach(|| geu::command(arguments))
+}
+
+#[pymodule]
+fn _geu(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add_class::<Table>()?;
+    module.add_function(wrap_pyfunction!(decode, module)?)?;
+    module.add_function(wrap_pyfunction!(command, module)?)
+}
