@@ -66,7 +66,7 @@ impl Default for UnitColumns {
     }
 }
 
-/// Name of the column that tells receive times from clock counts.
+/// Name of the column that separates receive times from clock counts.
 const IS_RECEIVED: &str = "is_received";
 
 fn schema() -> SchemaRef {

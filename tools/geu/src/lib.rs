@@ -36,6 +36,7 @@ mod diagnose_magnitudes;
 mod expectations;
 mod faults;
 mod inject;
+mod input_args;
 mod links;
 mod monitor;
 mod output_guard;

@@ -22,9 +22,9 @@ use geu_recording::{DecodeSummary, DecoderOptions, InputError, RowReader, no_row
 use geu_replay::{QUEUE, ReadResult, ReplayReport, ReplaySelection, ReplaySource};
 
 use crate::command_error::{CommandError, note};
-use crate::decode::input_format;
 use crate::device::unit;
 use crate::expectations;
+use crate::input_args::input_format;
 use crate::links::Links;
 use crate::run::verify_links;
 use crate::settings::{add_plan, can_base, duration, seed};

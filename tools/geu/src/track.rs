@@ -14,8 +14,9 @@ use geu_report::rows::{TrackFormat, instant, track_difference, track_header, wri
 use nalgebra::{Quaternion, UnitQuaternion};
 
 use crate::command_error::{CommandError, note};
-use crate::decode::{InputArgs, gives_rows, is_refused, note_elsewhere};
+use crate::decode::{gives_rows, is_refused};
 use crate::device::unit;
+use crate::input_args::{InputArgs, note_elsewhere};
 use crate::output_writer::{BUFFER, OutputWriter};
 use crate::outputs::OutputFile;
 use crate::settings::{choice, read_text};

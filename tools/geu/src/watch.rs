@@ -14,8 +14,8 @@ use ureq::http::Method;
 
 use crate::command_error::{CommandError, note, say};
 use crate::control_client::ControlClient;
-use crate::decode::{InputArgs, note_elsewhere};
 use crate::device::verify_link;
+use crate::input_args::{InputArgs, note_elsewhere};
 use crate::running;
 use crate::settings::{ConfigArgs, NamedConfigArgs};
 use crate::token::Token;

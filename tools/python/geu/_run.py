@@ -1,24 +1,35 @@
 """Runs the command in a process of its own."""
 
+from __future__ import annotations
+
 import contextlib
+import json
 import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from .errors import error
+from .errors import GeuError, error
+
+if TYPE_CHECKING:
+    from .configuration import Configuration
+
+StrPath = str | os.PathLike[str]
+Paths = StrPath | Sequence[StrPath]
 
 COMMAND = [sys.executable, "-m", "geu"]
 
 
-def environment():
+def environment() -> dict[str, str]:
     """The environment of a command, which finds this package wherever Python was started."""
     path = [str(Path(__file__).resolve().parent.parent), os.environ.get("PYTHONPATH", "")]
     return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, path)), "PYTHONDONTWRITEBYTECODE": "1"}
 
 
-def options(**values):
+def options(**values: Any) -> list[str]:
     """Options of the command: `reference_sigma=3` is `--reference-sigma=3`, True an option without a value; None and False are left out."""
     arguments = []
     for name, value in values.items():
@@ -36,21 +47,24 @@ def options(**values):
     return arguments
 
 
-def toml(value):
-    """A value as `--set` takes it."""
+def toml(value: Any, quoted: bool = False) -> str:
+    """A value as `--set` takes it: TOML, with texts unquoted."""
     if isinstance(value, bool):
         return "true" if value else "false"
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {toml(item, True)}" for key, item in value.items()) + " }"
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(toml(item) for item in value) + "]"
-    return str(value)
+        return "[" + ", ".join(toml(item, True) for item in value) + "]"
+    return json.dumps(value) if quoted and isinstance(value, str) else str(value)
 
 
-def paths(value):
+def paths(value: Paths) -> list[str]:
     """One path or several as a list of texts."""
-    return [os.fspath(item) for item in (value if isinstance(value, (list, tuple)) else [value])]
+    several = [value] if isinstance(value, (str, os.PathLike)) else value
+    return [os.fspath(item) for item in several]
 
 
-def run(*arguments, accepted=(0,), text=None):
+def run(*arguments: str, accepted: Sequence[int] = (0,)) -> tuple[str, int, str]:
     """Runs the command; returns its standard output, its exit code and its standard error.
 
     Raises
@@ -59,13 +73,13 @@ def run(*arguments, accepted=(0,), text=None):
         Another exit code than these.
     """
     done = subprocess.run([*COMMAND, *arguments], capture_output=True, text=True, errors="replace", env=environment(),
-                          input=text, stdin=None if text is not None else subprocess.DEVNULL)
+                          stdin=subprocess.DEVNULL)
     if done.returncode not in accepted:
         raise error(message(done.stderr), done.returncode)
     return done.stdout, done.returncode, done.stderr
 
 
-def message(standard_error):
+def message(standard_error: str) -> str:
     """The message of a failed command; notes before it are left out."""
     lines = standard_error.strip().splitlines()
     starts = [index for index, line in enumerate(lines) if line.startswith(("geu: ", "error: "))]
@@ -74,14 +88,14 @@ def message(standard_error):
 
 
 @contextlib.contextmanager
-def scratch():
+def scratch() -> Iterator[Path]:
     """A directory that is removed afterwards."""
     with tempfile.TemporaryDirectory(prefix="geu-") as directory:
         yield Path(directory)
 
 
 @contextlib.contextmanager
-def configuration_file(configuration):
+def configuration_file(configuration: StrPath | Configuration | None) -> Iterator[str | None]:
     """The path of a configuration: of a file as it is, of a `Configuration` its text in a file; None stays None."""
     if configuration is None or isinstance(configuration, (str, os.PathLike)):
         yield None if configuration is None else os.fspath(configuration)
@@ -89,4 +103,7 @@ def configuration_file(configuration):
     with scratch() as directory:
         path = directory / "configuration.toml"
         path.write_text(configuration.text)
-        yield str(path)
+        try:
+            yield str(path)
+        except GeuError as failure:
+            raise error(failure.message.replace(str(path), "configuration"), failure.code) from None

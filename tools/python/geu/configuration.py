@@ -1,9 +1,12 @@
 """Configurations of a unit."""
 
+from __future__ import annotations
+
 import os
 from pathlib import Path
+from typing import Any
 
-from ._run import configuration_file, options, run
+from ._run import StrPath, configuration_file, options, run
 
 
 class Configuration:
@@ -22,7 +25,7 @@ class Configuration:
         It is not valid: file, line, what was expected.
     """
 
-    def __init__(self, source=None, *, device=None):
+    def __init__(self, source: StrPath | None = None, *, device: StrPath | None = None) -> None:
         self.device = os.fspath(device) if device is not None else None
         if source is None:
             self.text = run("config", "show", *options(device=self.device))[0]
@@ -32,11 +35,11 @@ class Configuration:
             self.text = Path(source).read_text()
         self._shown()
 
-    def _shown(self, **values):
+    def _shown(self, **values: Any) -> str:
         with configuration_file(self) as path:
-            return run("config", "show", path, *options(device=self.device, **values))[0]
+            return run("config", "show", *options(device=self.device, **values), *([path] if path else []))[0]
 
-    def set(self, values=None, **named):
+    def set(self, values: dict[str, Any] | None = None, **named: Any) -> Configuration:
         """A configuration with other values.
 
         Parameters
@@ -51,13 +54,13 @@ class Configuration:
         changed.text = self._shown(set={**(values or {}), **named})
         return changed
 
-    def show(self):
+    def show(self) -> str:
         """The complete configuration with comments."""
         return self._shown()
 
-    def to_toml(self):
+    def to_toml(self) -> str:
         """The text as it was given, or with the values that were set."""
         return self.text
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"<geu.Configuration of {len(self.text.splitlines())} lines>"

@@ -1,11 +1,19 @@
 """Recordings and live links as Arrow tables."""
 
+from __future__ import annotations
+
 import json
 import os
+from typing import TYPE_CHECKING, Any
 
 from . import _geu
-from ._run import options, paths
+from ._run import Paths, StrPath, options, paths
 from .errors import error
+
+if TYPE_CHECKING:
+    import pandas
+    import polars
+    import pyarrow
 
 
 class Samples:
@@ -19,7 +27,7 @@ class Samples:
     columns : list of str
         Names of the columns, as ``geu decode`` writes them; each flag is a column.
     units : dict of str to str
-        Unit of each column that has one which its name does not state.
+        Units by column, unless the name of the column states them.
     metadata : dict of str to str
         ``geu.device`` the unit, ``geu.description`` its description, ``geu.version``.
     summary : str
@@ -28,45 +36,47 @@ class Samples:
         Why the samples end before the input does: a broken container, a closed link.
     """
 
-    def __init__(self, table):
+    def __init__(self, table: _geu.Table) -> None:
         self._table = table
-        self.columns = [name for name, _ in table.columns]
-        self.units = {name: unit for name, unit in table.columns if unit}
+        self.columns: list[str] = [name for name, _ in table.columns]
+        self.units: dict[str, str] = {name: unit for name, unit in table.columns if unit}
         self.metadata, self.summary, self.broken = table.metadata, table.summary, table.broken
 
     @property
-    def defects(self):
+    def defects(self) -> list[dict[str, Any]]:
         """list of dict: place, kind and bytes of each defect; count for repetitions."""
         return [json.loads(line) for line in self._table.defects.splitlines()]
 
-    def __len__(self):
+    def __len__(self) -> int:
         return self._table.rows
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"<geu.Samples of {self.metadata['geu.device']}: {len(self)} rows, {', '.join(self.columns)}>"
 
-    def __arrow_c_schema__(self):
+    def __arrow_c_schema__(self) -> Any:
         return self._table.__arrow_c_schema__()
 
-    def __arrow_c_stream__(self, requested_schema=None):
+    def __arrow_c_stream__(self, requested_schema: Any = None) -> Any:
         return self._table.__arrow_c_stream__(requested_schema)
 
-    def to_arrow(self):
+    def to_arrow(self) -> pyarrow.Table:
         """The samples as ``pyarrow.Table``."""
         import pyarrow
         return pyarrow.table(self)
 
-    def to_pandas(self):
+    def to_pandas(self) -> pandas.DataFrame:
         """The samples as ``pandas.DataFrame``; needs pyarrow."""
         return self.to_arrow().to_pandas()
 
-    def to_polars(self):
+    def to_polars(self) -> polars.DataFrame:
         """The samples as ``polars.DataFrame``."""
         import polars
         return polars.DataFrame(self)
 
 
-def decode(inputs, *, device=None, base=None, interface=None, input_format=None, baud=None, duration=None, strict=False):
+def decode(inputs: Paths, *, device: StrPath | None = None, base: str | None = None, interface: str | None = None,
+           input_format: str | None = None, baud: int | None = None, duration: float | str | None = None,
+           strict: bool = False) -> Samples:
     """Decodes recordings or live links.
 
     Parameters

@@ -1,5 +1,7 @@
 """A running unit."""
 
+from __future__ import annotations
+
 import atexit
 import json
 import os
@@ -11,9 +13,14 @@ import threading
 import time
 import urllib.error
 import urllib.request
+from collections.abc import Iterator
 from pathlib import Path
+from types import TracebackType
+from typing import Any
 
 from . import _run
+from ._run import Paths, StrPath
+from .configuration import Configuration
 from .errors import GeuError, InputError, error
 
 _READY_S = 20
@@ -47,6 +54,8 @@ class Emulator:
     ----------
     links : list of (str, str)
         Kind and address of each link: ``("pty", "/tmp/…/geu0")``.
+    recording, junit : pathlib.Path or None
+        Directory of the recording, file of the verdicts on expectations.
     control : str
         Address of the control interface, ``http://127.0.0.1:…``; its page is for browsers.
 
@@ -57,22 +66,33 @@ class Emulator:
     ...     samples = geu.decode(unit.link, duration=5)
     """
 
-    def __init__(self, config=None, *, pty=None, tcp=None, can=None, serial=None, device=None, seed=None, start=None, duration=None,
-                 speed=None, truth=None, faults=None, set=None, record=None, junit=None, wire=None, wait=False):
-        self._config, self._process, self._scratch = config, None, None
+    def __init__(self, config: StrPath | Configuration | None = None, *, pty: StrPath | bool | None = None, tcp: str | bool | None = None,
+                 can: str | None = None, serial: str | None = None, device: StrPath | None = None, seed: int | None = None,
+                 start: float | None = None, duration: float | str | None = None, speed: float | str | None = None,
+                 truth: str | None = None, faults: Paths | None = None, set: dict[str, Any] | None = None,
+                 record: StrPath | None = None, junit: StrPath | None = None, wire: str | None = None, wait: bool = False) -> None:
+        self._config = config
+        self.recording = None if record is None else Path(record)
+        self.junit = None if junit is None else Path(junit)
+        self._process: subprocess.Popen[str] | None = None
+        self._scratch: tempfile.TemporaryDirectory[str] | None = None
+        self._lines: queue.Queue[str | None] = queue.Queue()
+        self._errors: list[str] = []
+        self._readers: list[threading.Thread] = []
         self._given = dict(tcp="127.0.0.1:0" if tcp is True else tcp, can=can, serial=serial, seed=seed, start=start, duration=duration,
                            speed=speed, truth=truth, faults=_run.paths(faults) if faults else None, set=set, record=record, junit=junit,
                            wire=wire, wait=wait, device=os.fspath(device) if device is not None else None)
         self._pty = True if not any((pty, tcp, can, serial)) else pty
-        self.links, self.control = [], None
+        self.links: list[tuple[str, str]] = []
+        self.control = ""
 
-    def __enter__(self):
+    def __enter__(self) -> Emulator:
         return self.start()
 
-    def __exit__(self, *_):
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
         self.stop()
 
-    def start(self):
+    def start(self) -> Emulator:
         """Starts the unit; returns when its links are ready.
 
         Raises
@@ -94,36 +114,37 @@ class Emulator:
                                          stderr=subprocess.PIPE, text=True, errors="replace", env=_run.environment(),
                                          start_new_session=True)
         atexit.register(self.stop)
-        self._lines, self._errors = queue.Queue(), []
-        self._readers = [threading.Thread(target=self._read_lines, daemon=True), threading.Thread(target=self._read_errors, daemon=True)]
+        self._readers = [threading.Thread(target=read, args=(self._process,), daemon=True) for read in (self._read_lines, self._read_errors)]
         for reader in self._readers:
             reader.start()
         try:
-            self._await_ready()
+            self._await_ready(self._process)
         except BaseException:
             self.stop()
             raise
         return self
 
-    def _read_lines(self):
-        for line in self._process.stdout:
+    def _read_lines(self, process: subprocess.Popen[str]) -> None:
+        assert process.stdout is not None
+        for line in process.stdout:
             self._lines.put(line.rstrip("\n"))
         self._lines.put(None)
 
-    def _read_errors(self):
-        for line in self._process.stderr:
+    def _read_errors(self, process: subprocess.Popen[str]) -> None:
+        assert process.stderr is not None
+        for line in process.stderr:
             self._errors.append(line)
             del self._errors[:-1000]
 
-    def _await_ready(self):
+    def _await_ready(self, process: subprocess.Popen[str]) -> None:
         until = time.monotonic() + _READY_S
-        while self.control is None:
+        while not self.control:
             try:
                 line = self._lines.get(timeout=max(0.0, until - time.monotonic()))
             except queue.Empty:
                 raise GeuError(f"geu run: expected `ready control` within {_READY_S} s, got none") from None
             if line is None:
-                code = self._process.wait()
+                code = process.wait()
                 self._readers[1].join(_END_S)
                 raise error(_run.message("".join(self._errors)) or f"geu run ended with {code}", code)
             word, _, ready = line.partition(" ")
@@ -134,20 +155,20 @@ class Emulator:
                 self.links.append((kind, address))
 
     @property
-    def link(self):
+    def link(self) -> str:
         """str: address of the first link, as ``geu.decode`` takes it."""
         return self.links[0][1]
 
     @property
-    def is_running(self):
+    def is_running(self) -> bool:
         return self._process is not None and self._process.poll() is None
 
     @property
-    def log(self):
+    def log(self) -> str:
         """str: what the unit printed to standard error."""
         return "".join(self._errors)
 
-    def stop(self):
+    def stop(self) -> int | None:
         """Ends the unit; its links are removed, and a recording is complete. Returns the exit code."""
         atexit.unregister(self.stop)
         if self._process is not None and self._process.poll() is None:
@@ -157,16 +178,16 @@ class Emulator:
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait()
-        for reader in getattr(self, "_readers", []):
+        for reader in self._readers:
             reader.join(_END_S)
-        if self._process is not None:
-            self._process.stdout.close()
-            self._process.stderr.close()
+        for stream in (self._process.stdout, self._process.stderr) if self._process is not None else ():
+            if stream is not None:
+                stream.close()
         if self._scratch is not None:
             self._scratch.cleanup()
         return None if self._process is None else self._process.returncode
 
-    def wait(self, timeout=None):
+    def wait(self, timeout: float | None = None) -> int:
         """Waits for the end of a run with a duration; returns its exit code.
 
         Raises
@@ -174,12 +195,14 @@ class Emulator:
         TimeoutError
             It runs on.
         """
+        if self._process is None:
+            raise GeuError("the unit was not started")
         try:
             return self._process.wait(timeout)
         except subprocess.TimeoutExpired:
             raise TimeoutError(f"the unit runs on after {timeout} s") from None
 
-    def _ask(self, method, path, body=None):
+    def _ask(self, method: str, path: str, body: dict[str, Any] | None = None) -> Any:
         data = None if body is None else json.dumps(body).encode()
         headers = {"Content-Type": "application/json"} if data else {}
         request = urllib.request.Request(self.control + path, data, headers, method=method)
@@ -192,15 +215,17 @@ class Emulator:
         except OSError as failure:
             raise GeuError(f"{self.control}: {failure}; expected a running unit") from None
 
-    def status(self):
+    def status(self) -> dict[str, Any]:
         """dict: state of the run: on-board time, links, lateness, faults, the last sample."""
-        return self._ask("GET", "/api/status")
+        status: dict[str, Any] = self._ask("GET", "/api/status")
+        return status
 
-    def faults(self):
+    def faults(self) -> list[dict[str, Any]]:
         """list of dict: all faults: armed, active, over."""
-        return self._ask("GET", "/api/faults")
+        faults: list[dict[str, Any]] = self._ask("GET", "/api/faults")
+        return faults
 
-    def inject(self, what, *where, **keys):
+    def inject(self, what: str, *where: str, **keys: Any) -> str:
         """Injects a fault, as ``geu inject``; ``geu faults list`` has the names.
 
         Parameters
@@ -221,22 +246,23 @@ class Emulator:
         text, *_ = _run.run("inject", f"--control={self.control}", "--", what, *where, *given)
         return text.split()[0]
 
-    def inject_plan(self, plan):
+    def inject_plan(self, plan: StrPath) -> list[str]:
         """Injects all faults of a plan (TOML text or the path of a file), or none; returns their identifiers."""
         is_path = isinstance(plan, os.PathLike) or "\n" not in plan
         text = Path(plan).read_text() if is_path else plan
         added = self._ask("POST", "/api/faults", {"plan": text, "name": os.fspath(plan) if is_path else "plan"})
         return [fault["id"] for fault in added]
 
-    def clear(self, fault=None):
+    def clear(self, fault: str | None = None) -> None:
         """Ends a fault by its identifier, or all."""
         self._ask("DELETE", "/api/faults" if fault is None else f"/api/faults/{fault}")
 
-    def command(self, name, *arguments):
+    def command(self, name: str, *arguments: int) -> dict[str, Any]:
         """Sends the unit a command by its name; returns the decoded reply as a dict."""
-        return self._ask("POST", "/api/commands", {"name": name, "arguments": list(arguments)})
+        reply: dict[str, Any] = self._ask("POST", "/api/commands", {"name": name, "arguments": list(arguments)})
+        return reply
 
-    def events(self, timeout=None):
+    def events(self, timeout: float | None = None) -> Iterator[tuple[str, dict[str, Any]]]:
         """Yields the events of the unit as (name, dict): one for each sample, and what happens in between.
 
         Parameters
@@ -256,7 +282,7 @@ class Emulator:
             except OSError:
                 return
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         links = ", ".join(f"{kind} {address}" for kind, address in self.links) or "not started"
         return f"<geu.Emulator {links}>"
 

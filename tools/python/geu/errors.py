@@ -1,5 +1,7 @@
 """Errors, with their parts as attributes."""
 
+from __future__ import annotations
+
 import re
 
 # As the command states them: `FILE:LINE:COLUMN: field: expected …, got …; hint`. Each part may be absent.
@@ -24,20 +26,20 @@ class GeuError(Exception):
         What was expected there, and what was found.
     """
 
-    def __init__(self, message, code=1):
+    def __init__(self, message: str, code: int = 1) -> None:
         super().__init__(message)
         self.message, self.code = message, code
         place, content = _PLACE.match(message), _EXPECTED.search(message)
-        self.file = place["file"] if place else None
-        self.line = int(place["line"]) if place and place["line"] else None
-        self.expected = content["expected"].strip() if content else None
-        self.got = content["got"].strip() if content and content["got"] else None
+        self.file: str | None = place["file"] if place else None
+        self.line: int | None = int(place["line"]) if place and place["line"] else None
+        self.expected: str | None = content["expected"].strip() if content else None
+        self.got: str | None = content["got"].strip() if content and content["got"] else None
 
 
 class InputError(GeuError, ValueError):
     """An option, a configuration or an input is wrong."""
 
 
-def error(message, code):
+def error(message: str, code: int) -> GeuError:
     """The exception of a message and an exit code."""
     return (InputError if code == 2 else GeuError)(message, code)

@@ -1,10 +1,19 @@
 """Calibration and diagnosis of recordings, as dataclasses."""
 
-import json
-import os
-from dataclasses import dataclass, field
+from __future__ import annotations
 
-from ._run import configuration_file, options, paths, run, scratch
+import json
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from ._run import Paths, StrPath, configuration_file, options, paths, run, scratch
+from .configuration import Configuration
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True)
@@ -15,33 +24,41 @@ class Estimate:
     sigma: float | None
 
     @classmethod
-    def of(cls, source):
+    def of(cls, source: dict[str, Any] | None) -> Estimate:
         return cls(None, None) if source is None else cls(source["value"], source.get("sigma"))
 
-    def __str__(self):
-        return "not determined" if self.value is None else f"{self.value:g}" + ("" if self.sigma is None else f" ± {self.sigma:.2g}")
+    def __str__(self) -> str:
+        if self.value is None:
+            return "not determined"
+        if not self.sigma:
+            return f"{self.value:g}"
+        digits = max(0, 1 - math.floor(math.log10(self.sigma)))
+        return f"{self.value:.{digits}f} ± {self.sigma:.{digits}f}"
 
 
 @dataclass(frozen=True)
 class GyroCalibration:
-    """Parameters of one gyro: scale factor, drift in arcsec per half second, misalignment in arcsec about two axes."""
+    """Parameters of one gyro: scale factor, drift in arcsec per 0.5 s, misalignment in arcsec about two axes."""
 
     scale_factor: Estimate
     drift_arcsec_per_half_s: Estimate
     misalignment_arcsec: dict[str, Estimate]
 
     @classmethod
-    def of(cls, source):
+    def of(cls, source: dict[str, Any]) -> GyroCalibration:
         axes = {axis: Estimate.of(value) for axis, value in source["misalignment_arcsec"].items()}
         return cls(Estimate.of(source["scale_factor"]), Estimate.of(source["drift_arcsec_per_half_s"]), axes)
 
 
 class _Result:
-    def to_dict(self):
+    json: dict[str, Any]
+    text: str
+
+    def to_dict(self) -> dict[str, Any]:
         """The JSON that the command writes, as a dict."""
         return self.json
 
-    def __str__(self):
+    def __str__(self) -> str:
         return self.text
 
 
@@ -68,9 +85,9 @@ class Calibration(_Result):
     probability: float
     undetermined: list[str]
     text: str = field(repr=False)
-    json: dict = field(repr=False)
+    json: dict[str, Any] = field(repr=False)
 
-    def plot(self, axes=None):
+    def plot(self, axes: Axes | None = None) -> Axes:
         """Plots residuals of the manoeuvres, in sigma; returns the matplotlib axes."""
         axes = axes or _axes()
         for place, gyro in enumerate(self.gyros):
@@ -97,8 +114,8 @@ class Effect:
     parameters : dict of str to Estimate
     gap_share : float or None
         Its share of the fall of the residual.
-    rivals : list of dict
-        Other effects, with their cosines.
+    alternatives : list of dict
+        Other effects that the recording may not exclude, with their cosines.
     """
 
     code: str
@@ -106,14 +123,14 @@ class Effect:
     gyros: list[str]
     parameters: dict[str, Estimate]
     gap_share: float | None
-    rivals: list[dict]
+    alternatives: list[dict[str, Any]]
 
     @classmethod
-    def of(cls, source):
+    def of(cls, source: dict[str, Any]) -> Effect:
         parameters = {name: Estimate.of(value) for name, value in source["parameters"].items()}
         return cls(source["code"], source["class"], source["gyros"], parameters, source.get("gap_share"), source.get("rivals", []))
 
-    def __str__(self):
+    def __str__(self) -> str:
         values = ", ".join(f"{name} {value}" for name, value in self.parameters.items())
         return f"{self.code} {' '.join(self.gyros)}: {values}"
 
@@ -135,7 +152,7 @@ class Diagnosis(_Result):
     ----------
     verdict : {"consistent", "explained", "unexplained"}
     effects : list of Effect
-        All of them, recalibrations included; ``missing`` has those that the model lacks.
+        All of them, recalibrations included; ``missing`` are the ones that the model lacks.
     findings : list of Finding
     gap : dict
         Residual before and after, of the fitted and of the held-out parts.
@@ -150,17 +167,17 @@ class Diagnosis(_Result):
     verdict: str
     effects: list[Effect]
     findings: list[Finding]
-    gap: dict
-    unexplained: dict | None
+    gap: dict[str, Any]
+    unexplained: dict[str, Any] | None
     text: str = field(repr=False)
-    json: dict = field(repr=False)
+    json: dict[str, Any] = field(repr=False)
 
     @property
-    def missing(self):
+    def missing(self) -> list[Effect]:
         """list of Effect: effects that the model lacks."""
         return [effect for effect in self.effects if effect.kind == "missing-effect"]
 
-    def plot(self, axes=None):
+    def plot(self, axes: Axes | None = None) -> Axes:
         """Plots the residual before and after, fitted and held out; returns the matplotlib axes."""
         axes = axes or _axes()
         parts = [(when, part) for part in ("fitted", "held_out") for when in ("before", "after")]
@@ -172,12 +189,13 @@ class Diagnosis(_Result):
         return axes
 
 
-def _axes():
+def _axes() -> Axes:
     import matplotlib.pyplot as plot
     return plot.subplots(layout="constrained")[1]
 
 
-def _evaluated(command, config, link, accepted, given):
+def _evaluated(command: str, config: StrPath | Configuration | None, link: Paths, accepted: Sequence[int],
+               given: dict[str, Any]) -> tuple[str, dict[str, Any]]:
     if isinstance(given.get("device"), os.PathLike):
         given["device"] = os.fspath(given["device"])
     with scratch() as directory, configuration_file(config) as path:
@@ -187,8 +205,10 @@ def _evaluated(command, config, link, accepted, given):
         return text, json.loads(result.read_text())
 
 
-def calibrate(link, reference=None, *, config=None, device=None, reference_sigma=None, fss=None, sse=None, manoeuvres=None, start=None,
-              base=None, set=None, out=None, html=None):
+def calibrate(link: Paths, reference: StrPath | None = None, *, config: StrPath | Configuration | None = None,
+              device: StrPath | None = None, reference_sigma: float | None = None, fss: StrPath | None = None, sse: StrPath | None = None,
+              manoeuvres: StrPath | None = None, start: float | None = None, base: str | None = None, set: dict[str, Any] | None = None,
+              out: StrPath | None = None, html: StrPath | None = None) -> Calibration:
     """Solves the in-orbit calibration parameters.
 
     Parameters
@@ -233,8 +253,10 @@ def calibrate(link, reference=None, *, config=None, device=None, reference_sigma
     return Calibration(gyros, chi2["value"], chi2["dof"], chi2["probability"], result.get("undetermined", []), text, result)
 
 
-def diagnose(link, reference, *, config=None, device=None, manoeuvres=None, start=None, base=None, seed=None, set=None, out=None, html=None,
-             next_manoeuvre=None, no_cache=False):
+def diagnose(link: Paths, reference: StrPath, *, config: StrPath | Configuration | None = None, device: StrPath | None = None,
+             manoeuvres: StrPath | None = None, start: float | None = None, base: str | None = None, seed: int | None = None,
+             set: dict[str, Any] | None = None, out: StrPath | None = None, html: StrPath | None = None,
+             next_manoeuvre: StrPath | None = None, no_cache: bool = False) -> Diagnosis:
     """Finds the effect that is missing in the model.
 
     Parameters

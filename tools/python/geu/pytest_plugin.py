@@ -11,9 +11,13 @@ the recording, what its link carried, the faults and the verdicts on the expecta
 an expectation of its plan is not met.
 """
 
+from __future__ import annotations
+
 import json
 import xml.etree.ElementTree
+from collections.abc import Generator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -21,22 +25,23 @@ from .emulator import Emulator
 from .errors import GeuError
 
 LINKS = ("pty", "tcp")
+_FAILED = pytest.StashKey[bool]()
 
 
-def pytest_addoption(parser):
+def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("geu", "gyro electronics unit")
     group.addoption("--geu-link", choices=LINKS, default="pty", help="link of the fixture geu, if a marker names none [default: pty]")
     group.addoption("--geu-recordings", metavar="DIRECTORY", help="keep the recordings of all tests in this directory")
 
 
-def pytest_configure(config):
+def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "geu(link='pty'|'tcp', **parameters): the unit of the fixture geu, as geu.Emulator takes it")
 
 
 @pytest.fixture
-def geu(request, tmp_path_factory):
+def geu(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Generator[Emulator]:
     """A running unit on a free pty or TCP port: `geu.Emulator`."""
-    given = {}
+    given: dict[str, Any] = {}
     for marker in reversed(list(request.node.iter_markers("geu"))):
         if marker.args:
             raise pytest.UsageError("marker geu: expected named parameters, such as link='tcp'")
@@ -54,20 +59,19 @@ def geu(request, tmp_path_factory):
     if not {"pty", "tcp", "can", "serial"} & given.keys():
         given[link] = True
     with Emulator(**given) as unit:
-        unit.recording, unit.junit = Path(given["record"]), Path(given["junit"])
         yield unit
         code = unit.stop()
-    if code != 0 and not getattr(request.node, "geu_failed", False):
+    if code != 0 and not request.node.stash.get(_FAILED, False):
         pytest.fail(f"geu: {unit.log.strip().splitlines()[-1] if unit.log.strip() else f'ended with {code}'}\n{_verdicts(unit)}", pytrace=False)
 
 
 @pytest.fixture
-def geu_link(geu):
+def geu_link(geu: Emulator) -> str:
     """Address of the link of the unit: the path of a pty, or HOST:PORT."""
     return geu.link
 
 
-def _directory(request, tmp_path_factory):
+def _directory(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     kept = request.config.getoption("--geu-recordings")
     name = "".join(letter if letter.isalnum() else "_" for letter in request.node.name)[:60]
     if kept is None:
@@ -78,49 +82,51 @@ def _directory(request, tmp_path_factory):
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item, call):
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     report = yield
     unit = getattr(item, "funcargs", {}).get("geu")
     if report.when == "call" and report.failed and isinstance(unit, Emulator):
-        item.geu_failed = True
+        item.stash[_FAILED] = True
         unit.stop()
         report.sections.append(("geu", _section(unit)))
     return report
 
 
-def _section(unit):
+def _section(unit: Emulator) -> str:
     """What a failing test's report states of the unit."""
     recording = unit.recording
     lines = [f"link: {unit.links[0][0]} {unit.links[0][1]}", f"recording: {recording}"]
-    faults = recording / "faults.jsonl"
-    if faults.exists():
-        lines += ["faults:", *("  " + _event(line) for line in faults.read_text().splitlines()[:50])]
+    faults = recording / "faults.jsonl" if recording else None
+    if faults and faults.exists():
+        events = [event for line in faults.read_text().splitlines() if (event := _event(line))]
+        lines += ["faults:", *("  " + event for event in events[:50])]
     lines.append(_verdicts(unit))
     if unit.log.strip():
         lines += ["log:", *("  " + line for line in unit.log.strip().splitlines()[-20:])]
     try:
         from .simulation import Recording
-        lines += ["link decoded:", *("  " + line for line in Recording(recording).samples.summary.strip().splitlines())]
+        summary = Recording(recording or "").samples.summary.strip().splitlines()
+        lines += ["link decoded:", *("  " + line for line in summary if line.split()[1:] != ["0"])]
     except (OSError, GeuError) as failure:
         lines.append(f"link decoded: {failure}")
     return "\n".join(filter(None, lines))
 
 
-def _event(line):
-    try:
-        return " ".join(f"{key}={value}" for key, value in json.loads(line).items() if not isinstance(value, (dict, list)))
-    except ValueError:
-        return line
+def _event(line: str) -> str:
+    """What happened; empty for the bytes of each frame."""
+    event = json.loads(line)
+    plain = {key: value for key, value in event.items() if not isinstance(value, (dict, list))}
+    return "" if event.get("what") == "bytes" else " ".join(f"{key}={value}" for key, value in plain.items())
 
 
-def _verdicts(unit):
+def _verdicts(unit: Emulator) -> str:
     """The verdicts on the expectations of the plan."""
     try:
-        cases = xml.etree.ElementTree.parse(unit.junit).iter("testcase")
+        cases = xml.etree.ElementTree.parse(unit.junit or "").iter("testcase")
     except (OSError, xml.etree.ElementTree.ParseError):
         return ""
     verdicts = []
     for case in cases:
-        failure = case.find("failure")
-        verdicts.append(f"  {case.get('name')}: " + ("met" if failure is None else failure.get("message") or failure.text or "not met"))
+        failure = next(iter(case), None)
+        verdicts.append(f"  {case.get('name')}: " + ("met" if failure is None else failure.get("message") or "not met"))
     return "\n".join(["expectations:", *verdicts]) if verdicts else ""

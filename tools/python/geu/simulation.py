@@ -1,11 +1,15 @@
 """Recordings of a simulated unit."""
 
+from __future__ import annotations
+
 import os
 import tempfile
 from pathlib import Path
+from typing import Any
 
-from ._run import configuration_file, options, paths, run
-from .decoding import decode
+from ._run import Paths, StrPath, configuration_file, options, paths, run
+from .configuration import Configuration
+from .decoding import Samples, decode
 
 
 class Recording:
@@ -21,37 +25,39 @@ class Recording:
         Path of the reference attitude, for ``geu.calibrate`` and ``geu.diagnose``.
     """
 
-    def __init__(self, directory, device=None, temporary=None):
+    def __init__(self, directory: StrPath, device: StrPath | None = None,
+                 temporary: tempfile.TemporaryDirectory[str] | None = None) -> None:
         self.directory, self.device, self._temporary = Path(directory), device, temporary
         names = ("link.log", "link.bin", "link.log.gz", "link.bin.gz")
         link = next((self.directory / name for name in names if (self.directory / name).exists()), None)
         if link is None:
             raise FileNotFoundError(f"{directory}: expected link.log or link.bin, as geu simulate writes")
         self.link, self.reference = str(link), str(self.directory / "reference.csv")
-        self._samples = None
+        self._samples: Samples | None = None
 
     @property
-    def samples(self):
+    def samples(self) -> Samples:
         """Samples: the decoded link; decoded once."""
         if self._samples is None:
             self._samples = decode(self.link, device=self.device)
         return self._samples
 
-    def __arrow_c_schema__(self):
+    def __arrow_c_schema__(self) -> Any:
         return self.samples.__arrow_c_schema__()
 
-    def __arrow_c_stream__(self, requested_schema=None):
+    def __arrow_c_stream__(self, requested_schema: Any = None) -> Any:
         return self.samples.__arrow_c_stream__(requested_schema)
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.samples)
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"<geu.Recording {self.directory}>"
 
 
-def simulate(config=None, *, duration=None, seed=None, device=None, start=None, truth=None, faults=None, wire=None, set=None, out=None,
-             force=False):
+def simulate(config: StrPath | Configuration | None = None, *, duration: float | str | None = None, seed: int | None = None,
+             device: StrPath | None = None, start: float | None = None, truth: StrPath | None = None, faults: Paths | None = None,
+             wire: str | None = None, set: dict[str, Any] | None = None, out: StrPath | None = None, force: bool = False) -> Recording:
     """Runs the model without links, as fast as possible.
 
     Parameters
@@ -82,7 +88,7 @@ def simulate(config=None, *, duration=None, seed=None, device=None, start=None, 
     Returns
     -------
     Recording
-        Its samples are an Arrow table, as those of ``geu.decode``.
+        Its samples are an Arrow table, as ``geu.decode`` returns.
     """
     temporary = None
     if out is None:

@@ -33,7 +33,7 @@ impl Table {
         self.batches.iter().map(RecordBatch::num_rows).sum()
     }
 
-    /// Name and unit of each column; the unit is empty if it has none or stands in the name.
+    /// Name and unit of each column; the unit is empty for a column without one.
     #[getter]
     fn columns(&self) -> Vec<(String, String)> {
         let unit = |field: &arrow_schema::Field| field.metadata().get("unit").cloned().unwrap_or_default();

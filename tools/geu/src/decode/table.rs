@@ -16,11 +16,11 @@ use crate::device::{DEFAULT_DEVICE, device};
 pub struct DecodedTable {
     pub schema: SchemaRef,
     pub batches: Vec<RecordBatch>,
-    /// What was read, decoded and lost, in words.
+    /// Account of the inputs in words.
     pub summary: String,
     /// One JSON object a line, as `--defects` writes.
     pub defects: String,
-    /// Why the rows end before the inputs do: a broken container, a closed link.
+    /// Reason why the rows end before the inputs do: a broken container, a closed link.
     pub broken: Option<String>,
 }
 

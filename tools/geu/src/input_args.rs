@@ -1,0 +1,106 @@
+//! Options of commands that read a link, and notes on what was read.
+
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use geu_files::interruption::stop_flag;
+use geu_model::device::Device;
+use geu_protocol::CanIdMap;
+use geu_protocol::capture::Format as InputFormat;
+use geu_recording::{DecodeSummary, DecoderOptions, DeviceDecoder, InputReader, Stop, is_live};
+
+use crate::command_error::{CommandError, note};
+use crate::settings::{LONGEST_S, can_base, duration};
+
+/// Options of commands that read the unit's link.
+#[derive(Args)]
+pub struct InputArgs {
+    /// Base of the unit's CAN identifiers, hexadecimal.
+    #[arg(long, value_name = "ID", value_parser = can_base)]
+    base: Option<CanIdMap>,
+    /// Interface of the unit, if a capture has several [default: the first with frames of the unit].
+    #[arg(long, value_name = "NAME")]
+    interface: Option<String>,
+    /// Format of the inputs [default: detected from their content].
+    #[arg(long, value_name = "FORMAT", value_parser = input_format())]
+    input_format: Option<&'static InputFormat>,
+    /// Rate of serial devices.
+    #[arg(long, value_name = "BAUD")]
+    baud: Option<u32>,
+    /// Stop after this time.
+    #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = duration(0.0, LONGEST_S))]
+    pub duration: Option<f64>,
+}
+
+impl InputArgs {
+    /// A reader with these options. The first SIGINT, SIGTERM or SIGHUP ends a live input regularly; with files only, it
+    /// ends the process.
+    ///
+    /// # Errors
+    /// Signals cannot be watched.
+    pub fn reader(&self, inputs: &[String]) -> Result<InputReader<'static>, CommandError> {
+        let options = self.options();
+        Ok(InputReader::new(options, self.stop(inputs)?))
+    }
+
+    /// A reader for a described unit.
+    ///
+    /// # Errors
+    /// Signals cannot be watched, or a base of identifiers that a description has.
+    pub fn device_reader(
+        &self,
+        inputs: &[String],
+        device: &Device,
+    ) -> Result<InputReader<'static, DeviceDecoder>, CommandError> {
+        if self.base.is_some() {
+            return Err(CommandError::input("--base: expected none: the identifiers are in the description"));
+        }
+        let mut options = self.options();
+        options.baud = options.baud.or(device.serial.as_ref().map(|serial| serial.baud));
+        Ok(InputReader::with(DeviceDecoder::new(device, &options), options, self.stop(inputs)?))
+    }
+
+    fn stop(&self, inputs: &[String]) -> Result<Stop<'static>, CommandError> {
+        let stop = inputs.iter().any(|input| is_live(input)).then(stop_flag).transpose();
+        let stop = stop.map_err(|error| CommandError::failed(format!("signals cannot be watched: {error}")))?;
+        let deadline = self.duration.map(|duration_s| Instant::now() + Duration::from_secs_f64(duration_s));
+        Ok(Stop { flag: stop, deadline })
+    }
+
+    /// Options of a decoder.
+    pub fn options(&self) -> DecoderOptions {
+        DecoderOptions {
+            plan: self.base.unwrap_or_default(),
+            interface: self.interface.clone(),
+            format: self.input_format,
+            baud: self.baud,
+        }
+    }
+
+    /// Prints the reason if there was no row.
+    pub fn note_no_rows(&self, summary: &DecodeSummary) {
+        if let Some(reason) = geu_recording::no_rows_reason(summary, self.base.unwrap_or_default(), self.input_format) {
+            note(format_args!("geu: {reason}\n"));
+        }
+    }
+}
+
+/// Prints the other interfaces with frames of the unit.
+pub fn note_elsewhere(summary: &DecodeSummary) {
+    if !summary.elsewhere.is_empty() {
+        let left_out = summary.elsewhere.iter().map(|(name, frames)| format!("{frames} on {name}"));
+        let left_out = left_out.collect::<Vec<_>>().join(", ");
+        let used = summary.interface.as_deref().unwrap_or("none");
+        note(format_args!("geu: frames of the unit left out: {left_out} (used: {used}; --interface chooses)\n"));
+    }
+}
+
+/// Parser of `--input-format`: the capture formats with their titles and usual suffixes as help.
+pub fn input_format() -> impl TypedValueParser<Value = &'static InputFormat> {
+    let values = InputFormat::all().map(|format| {
+        let suffixes: Vec<_> = format.suffixes.iter().map(|suffix| format!(".{suffix}")).collect();
+        PossibleValue::new(format.name).help(format!("{} ({})", format.title, suffixes.join(", ")))
+    });
+    PossibleValuesParser::new(values).map(|name| InputFormat::from_name(&name).expect("a listed name"))
+}
