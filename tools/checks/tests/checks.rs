@@ -360,7 +360,7 @@ fn clock_frequency_is_reported_if_the_configuration_differs() {
 #[test]
 fn reference_of_another_time_is_reported() {
     let recording = short();
-    for (by_s, expected) in [(-100, vec!["reference-short"]), (100_000, vec!["reference-separate"])] {
+    for (by_s, expected) in [(-100, vec!["reference-short"]), (100_000, vec!["reference-apart"])] {
         let mut reference = recording.reference.clone();
         reference.start_ns += by_s * 1_000_000_000;
         let checked = check(&recording.rows, &[], &Configuration::reference(), &reference);

@@ -1,6 +1,7 @@
 //! `geu decode`: recordings and live links to rows.
 
 mod output;
+pub mod stream;
 pub mod table;
 
 use std::io::IsTerminal;

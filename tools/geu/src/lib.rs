@@ -1,7 +1,7 @@
 //! The command `geu`: one file per subcommand, with its arguments and output.
 //!
 //! Results go to standard output or the named file, everything else to standard error. [`command()`] is the whole command,
-//! [`decode_table`] `geu decode` to Arrow batches in memory.
+//! [`decode_table`] `geu decode` to Arrow batches in memory, [`StreamDecoder`] that of bytes as they arrive.
 
 /// Declares the subcommands of a command: the enum for clap, and `run`.
 macro_rules! subcommands {
@@ -61,6 +61,7 @@ use std::sync::LazyLock;
 use clap::{CommandFactory, FromArgMatches, Parser};
 pub use command_error::CommandError;
 use command_error::EXIT_CODES;
+pub use decode::stream::StreamDecoder;
 pub use decode::table::{DecodedTable, decode_table};
 
 /// Emulator, decoder and evaluation of a spacecraft gyro electronics unit.

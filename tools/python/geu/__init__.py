@@ -15,12 +15,13 @@ diagnose    the effect that a model lacks
 Classes
 -------
 Emulator       a running unit on a pty, TCP, CAN or a serial port
+Decoder        decodes the serial bytes of a link as they arrive
 Configuration  a configuration of a unit
 Device         a gyro unit: its heads, interval and links
 GeuError       what went wrong, where, what was expected
 """
 
-from ._geu import __version__
+from ._geu import Decoder, __version__
 from .configuration import Configuration
 from .decoding import Samples, decode
 from .device import Device, devices
@@ -30,6 +31,6 @@ from .evaluation import Calibration, Diagnosis, Effect, Estimate, Finding, calib
 from .simulation import Recording, simulate
 
 __all__ = [
-    "Calibration", "Configuration", "Device", "Diagnosis", "Effect", "Emulator", "Estimate", "Finding", "GeuError", "InputError",
+    "Calibration", "Configuration", "Decoder", "Device", "Diagnosis", "Effect", "Emulator", "Estimate", "Finding", "GeuError", "InputError",
     "Recording", "Samples", "__version__", "calibrate", "decode", "devices", "diagnose", "simulate",
 ]

@@ -5,13 +5,16 @@
 
 use std::ffi::OsString;
 
+use arrow_array::cast::AsArray;
 use arrow_array::ffi_stream::FFI_ArrowArrayStream;
-use arrow_array::{RecordBatch, RecordBatchIterator};
-use arrow_schema::SchemaRef;
+use arrow_array::types::{Float64Type, Int16Type, Int32Type, Int64Type, TimestampMicrosecondType};
+use arrow_array::{Array, ArrayRef, RecordBatch, RecordBatchIterator};
 use arrow_schema::ffi::FFI_ArrowSchema;
+use arrow_schema::{DataType, SchemaRef};
+use pyo3::IntoPyObjectExt;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::PyCapsule;
+use pyo3::types::{PyCapsule, PyDict};
 
 /// Decoded samples in memory; any number of consumers may take the stream, without a copy.
 #[pyclass(frozen)]
@@ -68,6 +71,53 @@ fn value_error(error: &dyn std::fmt::Display) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
+/// Decodes the serial bytes of a link as they arrive.
+#[pyclass]
+struct Decoder(geu::StreamDecoder);
+
+#[pymethods]
+impl Decoder {
+    #[new]
+    #[pyo3(signature = (device=None))]
+    fn new(device: Option<&str>) -> PyResult<Decoder> {
+        geu::StreamDecoder::new(device).map(Decoder).map_err(|error| value_error(&error))
+    }
+
+    /// Samples that these bytes complete, as dicts by the names of columns.
+    fn feed<'py>(&mut self, py: Python<'py>, data: &[u8]) -> PyResult<Vec<Bound<'py, PyDict>>> {
+        let batch = self.0.feed(data);
+        let row = |row: usize| {
+            let sample = PyDict::new(py);
+            for (field, column) in batch.schema_ref().fields().iter().zip(batch.columns()) {
+                sample.set_item(field.name(), value(py, column, row)?)?;
+            }
+            Ok(sample)
+        };
+        (0..batch.num_rows()).map(row).collect()
+    }
+
+    #[getter]
+    fn defects(&self) -> u64 {
+        self.0.defects()
+    }
+}
+
+/// A value of a column; times in microseconds.
+fn value<'py>(py: Python<'py>, column: &ArrayRef, row: usize) -> PyResult<Bound<'py, PyAny>> {
+    if column.is_null(row) {
+        return Ok(py.None().into_bound(py));
+    }
+    match column.data_type() {
+        DataType::Boolean => column.as_boolean().value(row).into_bound_py_any(py),
+        DataType::Float64 => column.as_primitive::<Float64Type>().value(row).into_bound_py_any(py),
+        DataType::Int16 => column.as_primitive::<Int16Type>().value(row).into_bound_py_any(py),
+        DataType::Int32 => column.as_primitive::<Int32Type>().value(row).into_bound_py_any(py),
+        DataType::Int64 => column.as_primitive::<Int64Type>().value(row).into_bound_py_any(py),
+        DataType::Utf8 => column.as_string::<i32>().value(row).into_bound_py_any(py),
+        _ => column.as_primitive::<TimestampMicrosecondType>().value(row).into_bound_py_any(py),
+    }
+}
+
 /// Decodes inputs with the arguments of `geu decode`.
 #[pyfunction]
 fn decode(py: Python<'_>, arguments: Vec<OsString>) -> PyResult<Table> {
@@ -105,6 +155,7 @@ fn command(py: Python<'_>, arguments: Vec<OsString>) -> u8 {
 fn _geu(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<Table>()?;
+    module.add_class::<Decoder>()?;
     module.add_function(wrap_pyfunction!(decode, module)?)?;
     module.add_function(wrap_pyfunction!(command, module)?)
 }
