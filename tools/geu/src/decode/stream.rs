@@ -1,4 +1,4 @@
-//! Serial bytes of a link as they arrive, for programs.
+//! Serial bytes as they arrive, for programs.
 
 use geu_archive::{Columns, DeviceColumns, RecordBatch, UnitColumns};
 use geu_recording::{Decode, Decoder, DecoderOptions, Defect, DeviceDecoder, Sink};
@@ -6,7 +6,7 @@ use geu_recording::{Decode, Decoder, DecoderOptions, Defect, DeviceDecoder, Sink
 use crate::command_error::CommandError;
 use crate::device::{DEFAULT_DEVICE, device};
 
-/// Decodes the serial bytes of a link piece by piece.
+/// Decodes the serial bytes of a link as they arrive.
 pub struct StreamDecoder(Unit);
 
 enum Unit {
@@ -30,7 +30,7 @@ impl<C: Columns> Sink<C::Row> for Rows<C> {
 }
 
 impl StreamDecoder {
-    /// A decoder for the default unit, or the one of this name or description.
+    /// A decoder for the default unit, or for this name or description.
     ///
     /// # Errors
     /// No such unit, or one without a serial link.
