@@ -107,6 +107,12 @@ def test_errors_have_their_parts(tmp_path):
         geu.Device("stim30")
     with pytest.raises(geu.InputError, match="not a mode"):
         geu.decode("not a mode")
+    with pytest.raises(geu.InputError, match="serial link"):
+        geu.Decoder("mm5.10")
+    with pytest.raises(geu.InputError, match="cannot be read"):
+        geu.Configuration(tmp_path / "absent.toml")
+    with pytest.raises(geu.InputError, match="link.log"):
+        geu.Recording(tmp_path)
     with pytest.raises(geu.InputError):
         geu.Emulator(pty=tmp_path / "no" / "such" / "directory").start()
 
@@ -159,8 +165,31 @@ def test_an_emulator_runs_and_ends(tmp_path):
         ids = unit.inject_plan('[[fault]]\nid = "one"\nat_s = 1e6\ngyro = "GYRX"\nfault = "dead"\n')
         assert ids == ["one"]
     assert not unit.is_running and not Path(path).exists()
-    recorded = geu.simulation.Recording(tmp_path / "run")
+    with pytest.raises(geu.GeuError, match="before"):
+        unit.start()
+    recorded = geu.Recording(tmp_path / "run")
     assert len(recorded) > 10
+
+
+def test_bytes_decode_as_they_arrive():
+    recording = geu.simulate(duration=20, wire="serial")
+    data = Path(recording.link).read_bytes()
+    decoder, rows = geu.Decoder(), []
+    for place in range(0, len(data), 7):
+        rows += decoder.feed(data[place:place + 7])
+    frame = recording.samples.to_polars()
+    assert decoder.defects == 0 and len(rows) == len(frame) == 40
+    for name in ("sequence", "gyrx", "gyrzb_valid", "sensor_c", "t_s"):
+        assert [row[name] for row in rows] == frame[name].to_list(), name
+    unit = geu.simulate(device="stim300", duration=0.01)
+    assert len(geu.Decoder("stim300").feed(Path(unit.link).read_bytes())) == 20
+
+
+def test_any_command_runs():
+    assert "pivot-clearance" in geu.command("faults", "list")
+    assert "GYRX" in geu.command("describe", "header")
+    with pytest.raises(geu.InputError, match="unrecognized"):
+        geu.command("checkoud")
 
 
 def test_ctrl_c_ends_a_live_decoding():

@@ -54,6 +54,11 @@ impl CommandError {
         self
     }
 
+    /// Exit code of the command.
+    pub fn code(&self) -> u8 {
+        self.code
+    }
+
     /// Prints the message and returns the exit code.
     pub fn report(&self) -> u8 {
         if !self.message.is_empty() {

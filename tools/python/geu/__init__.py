@@ -11,6 +11,7 @@ decode      recordings and live links to an Arrow table
 simulate    a recording of a simulated unit
 calibrate   the calibration parameters of a unit from a recording and a reference
 diagnose    the effect that a model lacks
+command     any other command of geu
 
 Classes
 -------
@@ -22,6 +23,7 @@ GeuError       what went wrong, where, what was expected
 """
 
 from ._geu import Decoder, __version__
+from ._run import command
 from .configuration import Configuration
 from .decoding import Samples, decode
 from .device import Device, devices
@@ -32,5 +34,5 @@ from .simulation import Recording, simulate
 
 __all__ = [
     "Calibration", "Configuration", "Decoder", "Device", "Diagnosis", "Effect", "Emulator", "Estimate", "Finding", "GeuError", "InputError",
-    "Recording", "Samples", "__version__", "calibrate", "decode", "devices", "diagnose", "simulate",
+    "Recording", "Samples", "__version__", "calibrate", "command", "decode", "devices", "diagnose", "simulate",
 ]

@@ -79,6 +79,32 @@ def run(*arguments: str, accepted: Sequence[int] = (0,)) -> tuple[str, int, str]
     return done.stdout, done.returncode, done.stderr
 
 
+def command(name: str, *arguments: StrPath, **values: Any) -> str:
+    """Runs any other command of geu: ``geu.command("checkout", runs=3)``.
+
+    Parameters
+    ----------
+    name : str
+        The command, ``"track"``; of a nested one the first word, ``command("blind", "score", key="key.json")``.
+    *arguments : str or path
+        Arguments as they stand.
+    **values
+        Options: ``set={"seed": 3}``, ``verbose=True``.
+
+    Returns
+    -------
+    str
+        Standard output.
+
+    Raises
+    ------
+    GeuError
+        It failed.
+    """
+    words = [os.fspath(argument) for argument in arguments]
+    return run(name, *words, *options(**values))[0]
+
+
 def message(standard_error: str) -> str:
     """The message of a failed command; notes before it are left out."""
     lines = standard_error.strip().splitlines()

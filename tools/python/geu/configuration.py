@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ._run import StrPath, configuration_file, options, run
+from .errors import InputError
 
 
 class Configuration:
@@ -32,7 +33,10 @@ class Configuration:
         elif isinstance(source, str) and ("\n" in source or "=" in source):
             self.text = source
         else:
-            self.text = Path(source).read_text()
+            try:
+                self.text = Path(source).read_text()
+            except (OSError, UnicodeError) as failure:
+                raise InputError(f"{source}: cannot be read: {failure}; expected a configuration, TOML", 2) from None
         self._shown()
 
     def _shown(self, **values: Any) -> str:

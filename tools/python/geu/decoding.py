@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from . import _geu
 from ._run import Paths, StrPath, options, paths
-from .errors import error
 
 if TYPE_CHECKING:
     import pandas
@@ -110,7 +109,4 @@ def decode(inputs: Paths, *, device: StrPath | None = None, base: str | None = N
     if isinstance(device, os.PathLike):
         device = os.fspath(device)
     given = options(device=device, base=base, interface=interface, input_format=input_format, baud=baud, duration=duration, strict=strict)
-    try:
-        return Samples(_geu.decode([*given, "--", *paths(inputs)]))
-    except ValueError as failure:
-        raise error(str(failure), 2) from None
+    return Samples(_geu.decode([*given, "--", *paths(inputs)]))

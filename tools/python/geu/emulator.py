@@ -50,6 +50,9 @@ class Emulator:
     set : dict, optional
         Values of the configuration.
 
+    **more
+        Further options of ``geu run``: ``tcp_allow="192.168.7.0/24"``, ``spin=50``.
+
     Attributes
     ----------
     links : list of (str, str)
@@ -70,7 +73,8 @@ class Emulator:
                  can: str | None = None, serial: str | None = None, device: StrPath | None = None, seed: int | None = None,
                  start: float | None = None, duration: float | str | None = None, speed: float | str | None = None,
                  truth: str | None = None, faults: Paths | None = None, set: dict[str, Any] | None = None,
-                 record: StrPath | None = None, junit: StrPath | None = None, wire: str | None = None, wait: bool = False) -> None:
+                 record: StrPath | None = None, junit: StrPath | None = None, wire: str | None = None, wait: bool = False,
+                 **more: Any) -> None:
         self._config = config
         self.recording = None if record is None else Path(record)
         self.junit = None if junit is None else Path(junit)
@@ -81,7 +85,7 @@ class Emulator:
         self._readers: list[threading.Thread] = []
         self._given = dict(tcp="127.0.0.1:0" if tcp is True else tcp, can=can, serial=serial, seed=seed, start=start, duration=duration,
                            speed=speed, truth=truth, faults=_run.paths(faults) if faults else None, set=set, record=record, junit=junit,
-                           wire=wire, wait=wait, device=os.fspath(device) if device is not None else None)
+                           wire=wire, wait=wait, **more, device=os.fspath(device) if device is not None else None)
         self._pty = True if not any((pty, tcp, can, serial)) else pty
         self.links: list[tuple[str, str]] = []
         self.control = ""
@@ -100,6 +104,8 @@ class Emulator:
         InputError
             A configuration, a link or an option is wrong.
         """
+        if self._process is not None:
+            raise GeuError("the unit was started before; make another geu.Emulator")
         self._scratch = tempfile.TemporaryDirectory(prefix="geu-")
         pty = Path(self._scratch.name) / "geu0" if self._pty is True else self._pty
         config = self._config

@@ -10,6 +10,7 @@ from typing import Any
 from ._run import Paths, StrPath, configuration_file, options, paths, run
 from .configuration import Configuration
 from .decoding import Samples, decode
+from .errors import InputError
 
 
 class Recording:
@@ -31,7 +32,7 @@ class Recording:
         names = ("link.log", "link.bin", "link.log.gz", "link.bin.gz")
         link = next((self.directory / name for name in names if (self.directory / name).exists()), None)
         if link is None:
-            raise FileNotFoundError(f"{directory}: expected link.log or link.bin, as geu simulate writes")
+            raise InputError(f"{directory}: expected link.log or link.bin, as geu simulate writes", 2)
         self.link, self.reference = str(link), str(self.directory / "reference.csv")
         self._samples: Samples | None = None
 

@@ -49,7 +49,8 @@ impl Table {
     }
 
     fn __arrow_c_schema__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyCapsule>> {
-        let schema = FFI_ArrowSchema::try_from(self.schema.as_ref()).map_err(|error| value_error(&error))?;
+        let schema = FFI_ArrowSchema::try_from(self.schema.as_ref())
+            .map_err(|error| PyValueError::new_err(error.to_string()))?;
         PyCapsule::new(py, schema, Some(c"arrow_schema".to_owned()))
     }
 
@@ -67,8 +68,10 @@ impl Table {
     }
 }
 
-fn value_error(error: &dyn std::fmt::Display) -> PyErr {
-    PyValueError::new_err(error.to_string())
+/// The exception of a command's error.
+fn exception(py: Python<'_>, error: &geu::CommandError) -> PyErr {
+    let exception = || py.import("geu.errors")?.getattr("error")?.call1((error.to_string(), error.code()));
+    exception().map_or_else(|failure| failure, PyErr::from_value)
 }
 
 /// Decodes the serial bytes of a link as they arrive.
@@ -79,8 +82,8 @@ struct Decoder(geu::StreamDecoder);
 impl Decoder {
     #[new]
     #[pyo3(signature = (device=None))]
-    fn new(device: Option<&str>) -> PyResult<Decoder> {
-        geu::StreamDecoder::new(device).map(Decoder).map_err(|error| value_error(&error))
+    fn new(py: Python<'_>, device: Option<&str>) -> PyResult<Decoder> {
+        geu::StreamDecoder::new(device).map(Decoder).map_err(|error| exception(py, &error))
     }
 
     /// Samples that these bytes complete, as dicts by the names of columns.
@@ -140,7 +143,7 @@ fn decode(py: Python<'_>, arguments: Vec<OsString>) -> PyResult<Table> {
             broken: table.broken,
         }),
         Ok(None) => Err(PyValueError::new_err("interrupted")),
-        Err(error) => Err(value_error(&error)),
+        Err(error) => Err(exception(py, &error)),
     }
 }
 
