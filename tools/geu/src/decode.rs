@@ -2,6 +2,7 @@
 
 mod output;
 pub mod table;
+mod writer;
 
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
@@ -14,16 +15,19 @@ use geu_model::device::Device;
 use geu_protocol::CanIdMap;
 use geu_protocol::capture::Format as InputFormat;
 use geu_recording::{
-    Decode, DecodeSummary, DecoderOptions, Defect, DeviceDecoder, DeviceSample, InputError, InputReader, ReceivedSample, Sink, Stop, is_live,
+    Decode, DecodeSummary, DecoderOptions, DeviceDecoder, DeviceSample, InputError, InputReader, ReceivedSample, Stop,
+    is_live,
 };
-use geu_report::rows::{DefectLines, DeviceRows, TextFormat, write_row};
+use geu_report::rows::{DeviceRows, TextFormat, write_row};
 
 use crate::command_error::{CommandError, note};
 use crate::device::{DEFAULT_DEVICE, device};
-use crate::output_writer::{BUFFER, OutputWriter};
+use crate::output_writer::OutputWriter;
 use crate::outputs::{OutputDirectory, OutputFile, persist};
 use crate::settings::{LONGEST_S, can_base, choice, duration};
+use crate::time_range::RangeArgs;
 use output::{BATCH_ROWS, ColumnPlace, ColumnRows, NoRows, RowOutput, TextRows};
+use writer::Writer;
 
 /// Decodes recordings or live links to CSV, JSON lines, Parquet, Arrow or a summary.
 #[derive(Args)]
@@ -83,6 +87,8 @@ pub struct InputArgs {
     /// Stop after this time.
     #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = duration(0.0, LONGEST_S))]
     duration: Option<f64>,
+    #[command(flatten)]
+    range: RangeArgs,
 }
 
 impl InputArgs {
@@ -90,9 +96,9 @@ impl InputArgs {
     /// ends the process.
     ///
     /// # Errors
-    /// Signals cannot be watched.
+    /// Signals cannot be watched, or a range of times that is none.
     pub fn reader(&self, inputs: &[String]) -> Result<InputReader<'static>, CommandError> {
-        let options = self.options();
+        let options = self.options()?;
         Ok(InputReader::new(options, self.stop(inputs)?))
     }
 
@@ -108,7 +114,7 @@ impl InputArgs {
         if self.base.is_some() {
             return Err(CommandError::input("--base: expected none: the identifiers are in the description"));
         }
-        let mut options = self.options();
+        let mut options = self.options()?;
         options.baud = options.baud.or(device.serial.as_ref().map(|serial| serial.baud));
         Ok(InputReader::with(DeviceDecoder::new(device, &options), options, self.stop(inputs)?))
     }
@@ -120,13 +126,15 @@ impl InputArgs {
         Ok(Stop { flag: stop, deadline })
     }
 
-    fn options(&self) -> DecoderOptions {
-        DecoderOptions {
+    fn options(&self) -> Result<DecoderOptions, CommandError> {
+        Ok(DecoderOptions {
             plan: self.base.unwrap_or_default(),
             interface: self.interface.clone(),
             format: self.input_format,
             baud: self.baud,
-        }
+            range: self.range.range()?,
+            ..DecoderOptions::default()
+        })
     }
 
     /// Prints the reason if there was no row.
@@ -188,11 +196,17 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
             let reader = arguments.reading.device_reader(&arguments.inputs, &device)?;
             match arguments.format.of_rows() {
                 RowFormat::None => decode(arguments, reader, NoRows),
-                RowFormat::Columns(format) => decode(arguments, reader, arguments.columns(format, DeviceColumns::new(&device))),
+                RowFormat::Columns(format) => {
+                    decode(arguments, reader, arguments.columns(format, DeviceColumns::new(&device)))
+                }
                 RowFormat::Text(format) => {
                     let rows = DeviceRows::new(format, &device);
                     let header = rows.header();
-                    decode(arguments, reader, arguments.text(header, move |row: &DeviceSample, out: &mut Vec<u8>| rows.write(row, out)))
+                    decode(
+                        arguments,
+                        reader,
+                        arguments.text(header, move |row: &DeviceSample, out: &mut Vec<u8>| rows.write(row, out)),
+                    )
                 }
             }
         }
@@ -200,7 +214,9 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
             let (with_bits, reader) = (arguments.flags, arguments.reading.reader(&arguments.inputs)?);
             match arguments.format.of_rows() {
                 RowFormat::None => decode(arguments, reader, NoRows),
-                RowFormat::Columns(format) => decode(arguments, reader, arguments.columns(format, UnitColumns::default())),
+                RowFormat::Columns(format) => {
+                    decode(arguments, reader, arguments.columns(format, UnitColumns::default()))
+                }
                 RowFormat::Text(format) => {
                     let write = move |row: &ReceivedSample, out: &mut Vec<u8>| write_row(format, with_bits, row, out);
                     decode(arguments, reader, arguments.text(format.header(with_bits), write))
@@ -280,7 +296,9 @@ impl Arguments {
             return Err(CommandError::input("--partition: expected --format parquet or arrow"));
         }
         if self.flags && is_columns {
-            return Err(CommandError::input("--flags: expected none: each flag is a column of true and false in Parquet and Arrow"));
+            return Err(CommandError::input(
+                "--flags: expected none: each flag is a column of true and false in Parquet and Arrow",
+            ));
         }
         if is_columns && self.partition.is_none() && self.out.is_none() && std::io::stdout().is_terminal() {
             return Err(CommandError::input("--format: expected --out FILE, or a pipe, for a format that is no text"));
@@ -319,104 +337,4 @@ pub fn gives_rows(read: &Result<(), InputError>) -> bool {
 pub fn is_refused(result: &Result<(), InputError>, summary: &DecodeSummary, read: usize) -> bool {
     let is_first = read == 0 || matches!(result, Err(InputError::NoFrame { .. }));
     !gives_rows(result) && is_first && summary.rows == 0
-}
-
-/// Writes rows and defects as they are read.
-struct Writer<'a, O> {
-    arguments: &'a Arguments,
-    rows: O,
-    /// True once an input, and with it the outputs, are open.
-    is_open: bool,
-    defects: Option<OutputWriter>,
-    lines: DefectLines,
-    /// The first failure of writing.
-    broken: Option<CommandError>,
-}
-
-impl<'a, O> Writer<'a, O> {
-    fn new(arguments: &'a Arguments, rows: O) -> Writer<'a, O> {
-        Writer { arguments, rows, is_open: false, defects: None, lines: DefectLines::default(), broken: None }
-    }
-
-    /// Keeps the first failure.
-    fn keep(&mut self, result: Result<(), CommandError>) {
-        if let Err(failure) = result {
-            self.broken.get_or_insert(failure);
-        }
-    }
-
-    fn open<R>(&mut self) -> Result<(), CommandError>
-    where
-        O: RowOutput<R>,
-    {
-        self.rows.open()?;
-        self.defects = self.arguments.defects.as_ref().map(|path| OutputWriter::open(Some(path))).transpose()?;
-        Ok(())
-    }
-
-    #[cold]
-    fn write_out<R>(&mut self)
-    where
-        O: RowOutput<R>,
-    {
-        if !self.is_open {
-            return;
-        }
-        if let Some(output) = &mut self.defects {
-            self.lines.end(&mut output.buffer);
-            let written = output.flush();
-            self.keep(written);
-        }
-        let written = self.rows.flush();
-        self.keep(written);
-    }
-
-    /// The complete files; none if no input was open.
-    fn finish<R>(self) -> Result<Vec<geu_files::Output>, CommandError>
-    where
-        O: RowOutput<R>,
-    {
-        if !self.is_open {
-            return Ok(Vec::new());
-        }
-        let mut outputs = self.rows.finish()?;
-        outputs.extend(self.defects.map(OutputWriter::complete).transpose()?);
-        Ok(outputs)
-    }
-}
-
-impl<R, O: RowOutput<R>> Sink<R> for Writer<'_, O> {
-    fn opened(&mut self) {
-        if !self.is_open {
-            self.is_open = true;
-            self.broken = self.open().err();
-        }
-    }
-
-    #[inline]
-    fn row(&mut self, row: &R) {
-        if let Some(output) = &mut self.defects {
-            self.lines.end(&mut output.buffer);
-        }
-        let written = self.rows.row(row);
-        self.keep(written);
-    }
-
-    fn defect(&mut self, defect: &Defect) {
-        if let Some(output) = &mut self.defects {
-            self.lines.push(defect, &mut output.buffer);
-            if output.buffer.len() >= BUFFER {
-                let written = output.flush();
-                self.keep(written);
-            }
-        }
-    }
-
-    fn flush(&mut self) {
-        self.write_out();
-    }
-
-    fn is_closed(&self) -> bool {
-        self.broken.is_some()
-    }
 }
