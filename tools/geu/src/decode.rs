@@ -32,7 +32,8 @@ use writer::Writer;
 /// Decodes recordings or live links to CSV, JSON lines, Parquet, Arrow or a summary.
 #[derive(Args)]
 pub struct Arguments {
-    /// Recording, `-`, serial device, pty, CAN interface or HOST:PORT of `--tcp` (live); several are one stream, in order.
+    /// Recording, archive (Parquet of `geu decode`, a file or a directory), `-`, serial device, pty, CAN interface or HOST:PORT
+    /// of `--tcp` (live); several are one stream, in order.
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<String>,
     /// Output format.

@@ -32,7 +32,7 @@ pub struct Arguments {
     /// Unit of the recording: a name of `geu device list`, or a description
     #[arg(long, alias = "gyro-csv", value_name = "NAME|FILE")]
     device: Option<String>,
-    /// Recording of the link, CAN or serial; several are one stream
+    /// Recording of the link, CAN or serial, or an archive of `geu decode --format parquet`; several are one stream
     #[arg(long, required = true, num_args = 1.., value_name = "FILE")]
     link: Vec<String>,
     /// Reference attitude: reference.csv or a CCSDS attitude ephemeris; with --device also magnitudes of the rate

@@ -124,6 +124,23 @@ fn rows_of_described_units_are_read_back() {
 }
 
 #[test]
+fn samples_of_several_recordings_are_numbered_through_by_their_times() {
+    let directory = TestDirectory::new();
+    for (name, start) in [("one", 1_795_132_700), ("two", 1_795_219_100)] {
+        directory.text(&format!("simulate --device openimu300ri --duration 1 --start {start} --out {name}"));
+        let format = "--quiet --format parquet --partition archive";
+        directory.text(&format!("decode {name}/link.log --device openimu300ri {format}"));
+    }
+    let rows = directory.text("decode archive --device openimu300ri --quiet");
+    let numbers = rows
+        .lines()
+        .skip(1)
+        .map(|line| line.split(',').nth(1).and_then(|number| number.parse().ok()).expect("a number"));
+    // A day has 8 640 000 samples.
+    assert_eq!(numbers.collect::<Vec<u64>>(), (0..100).chain(8_640_000..8_640_100).collect::<Vec<_>>());
+}
+
+#[test]
 fn a_range_of_times_selects_rows_and_evaluations_of_an_archive_equal_those_of_the_link() {
     let directory = TestDirectory::new();
     directory.text("simulate --duration 14000 --start 1795132000 --out unit");

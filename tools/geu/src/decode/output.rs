@@ -73,7 +73,7 @@ impl<R, W: FnMut(&R, &mut Vec<u8>)> RowOutput<R> for TextRows<'_, W> {
     }
 }
 
-/// Where columns are written.
+/// Destination of columns.
 #[derive(Clone, Copy)]
 pub enum ColumnPlace<'a> {
     /// A file, or standard output.

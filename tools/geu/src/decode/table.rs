@@ -16,7 +16,7 @@ use crate::device::{DEFAULT_DEVICE, device};
 pub struct DecodedTable {
     pub schema: SchemaRef,
     pub batches: Vec<RecordBatch>,
-    /// What was read, decoded and lost, in words.
+    /// Account of records, samples and defects, in words.
     pub summary: String,
     /// One JSON object a line, as `--defects` writes.
     pub defects: String,

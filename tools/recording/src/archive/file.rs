@@ -62,7 +62,9 @@ impl Archive {
         }
         claim(&path.display().to_string(), &file)?;
         let file = guarded(|| Ok(SerializedFileReader::new(file)?));
-        let file = file.map_err(|error| invalid(format!("expected a whole Parquet file, got: {error}")))?;
+        let file = file.map_err(|error| {
+            invalid(format!("expected a whole Parquet file, got: {error}; decode the recording again"))
+        })?;
         let schema = file.metadata().file_metadata();
         let value = |key: &str| {
             let found = schema.key_value_metadata().and_then(|own| own.iter().find(|own| own.key == key));
@@ -78,7 +80,11 @@ impl Archive {
             let own = columns.iter().position(|column| column.path().parts() == [name.clone()]);
             let own = own.filter(|&own| columns[own].max_rep_level() == 0 && is_of_kind(&columns[own], *kind));
             own.ok_or_else(|| {
-                invalid(format!("column {name}: expected {} for {}, got no such column", kind.in_words(), unit.name))
+                invalid(format!(
+                    "column {name}: expected {} for {}, got another type or no such column; decode the recording again",
+                    kind.in_words(),
+                    unit.name
+                ))
             })
         };
         let places = unit.columns.iter().map(place).collect::<io::Result<Vec<_>>>()?;
@@ -269,7 +275,9 @@ impl ArchiveRows {
     #[inline]
     pub fn fitting<T: TryFrom<i64>>(&self, column: usize, row: usize) -> Result<T, String> {
         let fitting = self.whole(column, row).and_then(|whole| T::try_from(whole).ok());
-        fitting.ok_or_else(|| self.unexpected(column, &format!("a number of {}", std::any::type_name::<T>()), row))
+        fitting.ok_or_else(|| {
+            self.unexpected(column, &format!("a whole number that fits {}", std::any::type_name::<T>()), row)
+        })
     }
 
     /// Error of a cell: column, expected and got.
