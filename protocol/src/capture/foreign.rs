@@ -40,6 +40,11 @@ pub const FOREIGN: &[Foreign] = &[
     ),
     foreign(b"timestamp,arbitration_id,", "python-can's CSV", LOGCONVERT),
     Foreign::PARQUET,
+    foreign(
+        b"ARROW1",
+        "an Arrow file",
+        "convert it to Parquet: `geu decode --format parquet` of its recording, or pyarrow",
+    ),
     foreign(b"PARE", "an encrypted Parquet table", TABLE),
     foreign(b"\x89HDF\r\n\x1a\n", "an HDF5 file", TABLE),
     foreign(b"t_s,sequence,clock_count,", "the rows of `geu decode`, no capture", "give the capture they came from"),

@@ -173,7 +173,7 @@ mod tests {
             frame.every = every;
             frame
         };
-        let value = |quantity| ValueSpec { quantity, name: String::new(), factor: 1.0 };
+        let value = |quantity| ValueSpec { quantity, name: String::new(), unit: "", factor: 1.0 };
         let values = [Quantity::Sensor, Quantity::Output(0), Quantity::Sequence].map(value).to_vec();
         let frames = vec![frame("SLOW", 0, 10), frame("A", 1, 1), frame("B", 2, 1)];
         Arc::new(FrameSet { frames, values, sequence })
@@ -206,7 +206,7 @@ mod tests {
             frame
         };
         let set = |frames| {
-            let value = |quantity| ValueSpec { quantity, name: String::new(), factor: 1.0 };
+            let value = |quantity| ValueSpec { quantity, name: String::new(), unit: "", factor: 1.0 };
             let values = [Quantity::Output(0), Quantity::Output(1), Quantity::Sequence].map(value).to_vec();
             Assembly::new(Arc::new(FrameSet { frames, values, sequence: (256, 1) }))
         };

@@ -1,7 +1,7 @@
 //! A frame: constants, fields and check values at fixed places.
 
 use super::check::Check;
-use super::number::BitField;
+use super::number::{BitField, Coding};
 
 /// A number that a frame carries.
 #[derive(Debug, Clone)]
@@ -71,6 +71,13 @@ impl Field {
         // A value that is not known is sent as 0.
         let value = if value.is_nan() { 0.0 } else { value };
         self.place.write((value - self.offset) * self.divisor / self.scale, bytes);
+    }
+
+    /// True if its values are whole numbers, exact as real ones.
+    pub fn is_whole(&self) -> bool {
+        let (low, high) = self.limits();
+        let is_exact = low.abs().max(high.abs()) < (1u64 << f64::MANTISSA_DIGITS) as f64;
+        self.place.coding != Coding::Float && self.scale().fract() == 0.0 && self.offset.fract() == 0.0 && is_exact
     }
 
     /// Smallest and largest value.

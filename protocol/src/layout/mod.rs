@@ -67,6 +67,8 @@ pub struct ValueSpec {
     pub quantity: Quantity,
     /// Name of its column in a table, unit last.
     pub name: String,
+    /// Unit in a description; empty for a flag.
+    pub unit: &'static str,
     /// Size of its unit: arcsec, arcsec/s, s, °C or counts.
     pub factor: f64,
 }

@@ -7,10 +7,14 @@ use std::sync::Arc;
 use arrow_array::{ArrayRef, BooleanArray, Float64Array, Int16Array, Int32Array, Int64Array, RecordBatch};
 use arrow_buffer::BooleanBuffer;
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
-use geu_protocol::field::{Bit, ClockCount, Electronics, FIELDS, Field as _, GYRO_FLAGS, Sensor, Sequence, UNIT_FLAGS};
+use geu_protocol::field::{
+    Bit, ClockCount, Electronics, FIELDS, Field as _, GYRO_FLAGS, GyroFlags, Sensor, Sequence, UNIT_FLAGS, UnitFlags,
+};
 use geu_recording::ReceivedSample;
 
-use crate::{DEVICE, Times, VERSION, field, nulls};
+use geu_recording::archive::{DEFAULT_UNIT, DEVICE, IS_RECEIVED, TIME};
+
+use crate::{Times, VERSION, field, nulls};
 
 /// Samples of a unit, collected as columns.
 pub trait Columns {
@@ -29,7 +33,7 @@ pub trait Columns {
     }
 
     /// The rows since the last batch.
-    fn take(&mut self) -> RecordBatch;
+    fn take_batch(&mut self) -> RecordBatch;
 }
 
 /// Columns of the default unit.
@@ -66,21 +70,19 @@ impl Default for UnitColumns {
     }
 }
 
-/// Name of the column that separates receive times from clock counts.
-const IS_RECEIVED: &str = "is_received";
-
 fn schema() -> SchemaRef {
     let of = |spec: geu_protocol::field::FieldSpec, kind, is_nullable| field(spec.name, kind, spec.unit, is_nullable);
-    let mut fields = Times::fields().to_vec();
+    let mut fields = Times::fields(TIME).to_vec();
     fields.push(of(Sequence::SPEC, DataType::Int32, false));
     fields.push(of(ClockCount::SPEC, DataType::Int64, true));
     fields.extend(FIELDS[..4].iter().map(|spec| of(*spec, DataType::Int16, false)));
+    fields.extend([GyroFlags::SPEC, UnitFlags::SPEC].map(|spec| of(spec, DataType::Int16, false)));
     let bits = [GYRO_FLAGS, UNIT_FLAGS].into_iter().flatten();
     fields.extend(bits.map(|bit| Field::new(bit.name, DataType::Boolean, false)));
     fields.push(of(Electronics::SPEC, DataType::Float64, false));
     fields.push(of(Sensor::SPEC, DataType::Float64, true));
     fields.push(Field::new(IS_RECEIVED, DataType::Boolean, false));
-    let metadata = [(DEVICE, "iras"), (VERSION, env!("CARGO_PKG_VERSION"))];
+    let metadata = [(DEVICE, DEFAULT_UNIT), (VERSION, env!("CARGO_PKG_VERSION"))];
     let metadata: HashMap<String, String> = metadata.map(|(key, value)| (key.to_owned(), value.to_owned())).into();
     Arc::new(Schema::new_with_metadata(fields, metadata))
 }
@@ -113,15 +115,20 @@ impl Columns for UnitColumns {
         self.sequence.len()
     }
 
-    fn take(&mut self) -> RecordBatch {
+    fn take_batch(&mut self) -> RecordBatch {
         let has_clock = nulls(&mut self.has_clock);
-        let mut columns: Vec<ArrayRef> = self.times.take().to_vec();
+        let mut columns: Vec<ArrayRef> = self.times.take_batch().to_vec();
         columns.push(Arc::new(Int32Array::from(take(&mut self.sequence))));
         columns.push(Arc::new(Int64Array::new(take(&mut self.clock_count).into(), has_clock.clone())));
         columns.extend(self.increments.iter_mut().map(|own| Arc::new(Int16Array::from(take(own))) as ArrayRef));
-        for (flags, bits) in [(&mut self.gyro_flags, GYRO_FLAGS), (&mut self.unit_flags, UNIT_FLAGS)] {
-            let flags = take(flags);
-            columns.extend(bits.iter().map(|bit| is_set(&flags, bit)));
+        let words = [&mut self.gyro_flags, &mut self.unit_flags].map(take);
+        columns.extend(
+            words
+                .each_ref()
+                .map(|word| Arc::new(word.iter().map(|own| i16::from(*own)).collect::<Int16Array>()) as ArrayRef),
+        );
+        for (flags, bits) in words.iter().zip([GYRO_FLAGS, UNIT_FLAGS]) {
+            columns.extend(bits.iter().map(|bit| is_set(flags, bit)));
         }
         columns.push(Arc::new(Float64Array::from(take(&mut self.electronics_c))));
         columns.push(Arc::new(Float64Array::new(take(&mut self.sensor_c).into(), has_clock)));

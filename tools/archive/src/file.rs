@@ -10,9 +10,11 @@ use arrow_array::{Array, RecordBatch};
 use arrow_ipc::writer::FileWriter;
 use arrow_schema::{ArrowError, SchemaRef};
 use geu_files::Output;
+use geu_recording::archive::DEVICE;
 use parquet::arrow::ArrowWriter;
 use parquet::basic::{Compression, ZstdLevel};
 use parquet::errors::ParquetError;
+use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
 
 /// A format of columns.
@@ -33,6 +35,9 @@ impl FileFormat {
     }
 }
 
+/// Rows of a row group: readers skip row groups outside of a range of times.
+const GROUP_ROWS: usize = 1 << 18;
+
 /// A file of batches that is written.
 pub enum BatchFile {
     Parquet(Box<ArrowWriter<Output>>),
@@ -48,7 +53,15 @@ impl BatchFile {
         match format {
             FileFormat::Parquet => {
                 let level = ZstdLevel::try_new(3).map_err(from_parquet)?;
-                let properties = WriterProperties::builder().set_compression(Compression::ZSTD(level)).build();
+                // DuckDB and Spark read the metadata of the file, not that of the Arrow schema in it.
+                let metadata = schema.metadata().iter().map(|(key, value)| KeyValue::new(key.clone(), value.clone()));
+                let mut metadata: Vec<KeyValue> = metadata.collect();
+                metadata.sort_unstable_by(|one, other| one.key.cmp(&other.key));
+                let properties = WriterProperties::builder()
+                    .set_compression(Compression::ZSTD(level))
+                    .set_max_row_group_row_count(Some(GROUP_ROWS))
+                    .set_key_value_metadata(Some(metadata))
+                    .build();
                 let writer = ArrowWriter::try_new(output, schema.clone(), Some(properties)).map_err(from_parquet)?;
                 Ok(BatchFile::Parquet(Box::new(writer)))
             }
@@ -113,16 +126,47 @@ pub struct Partition {
     replaces: bool,
     /// By their days since 1970.
     files: BTreeMap<i64, BatchFile>,
+    /// Dropped after the files.
+    made: MadeDirectories,
+}
+
+/// Directories that were made, removed again if they are empty.
+#[derive(Default)]
+struct MadeDirectories(Vec<PathBuf>);
+
+impl MadeDirectories {
+    fn make(&mut self, directory: &Path) -> io::Result<()> {
+        let missing: Vec<&Path> =
+            directory.ancestors().take_while(|own| !own.as_os_str().is_empty() && !own.exists()).collect();
+        for own in missing.into_iter().rev() {
+            match std::fs::create_dir(own) {
+                Err(error) if error.kind() != io::ErrorKind::AlreadyExists => return Err(error),
+                Err(_) => {}
+                Ok(()) => self.0.push(own.to_owned()),
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Drop for MadeDirectories {
+    fn drop(&mut self) {
+        for directory in self.0.iter().rev() {
+            // One with a file is kept.
+            let _ = std::fs::remove_dir(directory);
+        }
+    }
 }
 
 const MICROSECONDS_A_DAY: i64 = 86_400_000_000;
 
 impl Partition {
-    /// Files in `directory`, for the unit of this name.
+    /// Files in `directory`, for the unit of the schema.
     pub fn new(directory: &Path, format: FileFormat, schema: &SchemaRef, replaces: bool) -> Partition {
-        let device = schema.metadata().get(crate::DEVICE).map_or("", |name| name);
+        let device = schema.metadata().get(DEVICE).map_or("", |name| name);
         let directory = directory.join(format!("device={}", escaped(device)));
-        Partition { directory, format, schema: schema.clone(), replaces, files: BTreeMap::new() }
+        let (files, made) = Default::default();
+        Partition { directory, format, schema: schema.clone(), replaces, files, made }
     }
 
     /// Appends rows to the files of their days; a row without a time is in that of 1970-01-01.
@@ -150,7 +194,7 @@ impl Partition {
         Ok(())
     }
 
-    fn open(&self, day: i64, of_day_us: i64) -> io::Result<BatchFile> {
+    fn open(&mut self, day: i64, of_day_us: i64) -> io::Result<BatchFile> {
         let (year, month, of_month) = geu_protocol::calendar::date(day);
         let directory = self.directory.join(format!("day={year:04}-{month:02}-{of_month:02}"));
         let (seconds, fraction) = (of_day_us / 1_000_000, of_day_us % 1_000_000);
@@ -158,10 +202,13 @@ impl Partition {
         let name = format!("{hours:02}{minutes:02}{seconds:02}.{fraction:06}.{}", self.format.suffix());
         let path = directory.join(name);
         if !self.replaces && path.exists() {
-            let text = format!("{}: exists: these samples are in the archive; --force replaces them", path.display());
+            let text =
+                format!("{}: expected no file with this first sample, got one; --force replaces it", path.display());
             return Err(io::Error::new(io::ErrorKind::AlreadyExists, text));
         }
-        std::fs::create_dir_all(&directory)?;
+        self.made.make(&directory)?;
+        geu_files::claim_output("--partition", &path)
+            .map_err(|error| io::Error::new(io::ErrorKind::InvalidInput, error))?;
         BatchFile::new(Output::create(&path)?, self.format, &self.schema)
     }
 

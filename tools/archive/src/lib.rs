@@ -1,7 +1,8 @@
 //! Samples as columns: Arrow batches of any unit, and Parquet and Arrow files of them.
 //!
-//! A column has the name of its CSV column and its unit in its metadata; each flag is a boolean column. The metadata of the schema
-//! has the unit with its description, so that a file says by itself what it contains.
+//! A column has the name of its CSV column and its unit in its metadata; each flag is also a boolean column. The metadata of the schema
+//! and of the file has the unit with its description, so that a file states by itself what it contains. `geu_recording::archive` reads
+//! the rows back.
 
 pub use arrow_array::RecordBatch;
 pub use arrow_schema::SchemaRef;
@@ -15,19 +16,16 @@ pub use described::DeviceColumns;
 pub use file::{BatchFile, FileFormat, Partition};
 
 use std::collections::HashMap;
+use std::mem::take;
 use std::sync::Arc;
 
-use arrow_array::ArrayRef;
+use arrow_array::{ArrayRef, Float64Array, Int8Array, Int16Array, TimestampMicrosecondArray};
 use arrow_buffer::NullBuffer;
 use arrow_schema::{DataType, Field, TimeUnit};
 use geu_protocol::capture::Timestamp;
 
 /// Key of the unit of a column, in its metadata.
 const UNIT: &str = "unit";
-/// Key of the name of the gyro unit in the metadata of a schema.
-pub const DEVICE: &str = "geu.device";
-/// Key of its description; absent for the default unit.
-pub const DESCRIPTION: &str = "geu.description";
 /// Beginning of the keys of files that the description names, with their texts.
 pub const FILE: &str = "geu.file.";
 /// Key of the version of geu that made the columns.
@@ -42,34 +40,46 @@ fn field(name: &str, kind: DataType, unit: &str, is_nullable: bool) -> Field {
     }
 }
 
-/// The columns of times: an instant in UTC, to the microsecond, and the same in seconds, to the resolution of the source.
+/// The columns of times: an instant in UTC to the microsecond, the same in seconds, the nanoseconds between both, and the decimals of the
+/// source.
 #[derive(Debug, Default)]
 struct Times {
     time_us: Vec<i64>,
     t_s: Vec<f64>,
+    rest_ns: Vec<i16>,
+    digits: Vec<i8>,
     is_known: Vec<bool>,
 }
 
 impl Times {
-    fn fields() -> [Field; 2] {
+    fn fields([time, t_s, rest_ns, decimals]: [&str; 4]) -> [Field; 4] {
         let utc = DataType::Timestamp(TimeUnit::Microsecond, Some("UTC".into()));
-        [field("time", utc, "", true), field("t_s", DataType::Float64, "s", true)]
+        [
+            field(time, utc, "", true),
+            field(t_s, DataType::Float64, "s", true),
+            field(rest_ns, DataType::Int16, "ns", true),
+            field(decimals, DataType::Int8, "", true),
+        ]
     }
 
     #[inline]
     fn push(&mut self, time: Option<Timestamp>) {
         let t_ns = time.map_or(0, |time| time.t_ns);
-        self.time_us.push(t_ns.div_euclid(1000) + i64::from(t_ns.rem_euclid(1000) >= 500));
+        let time_us = t_ns.div_euclid(1000) + i64::from(t_ns.rem_euclid(1000) >= 500);
+        self.time_us.push(time_us);
         self.t_s.push(seconds(t_ns));
+        self.rest_ns.push((i128::from(t_ns) - i128::from(time_us) * 1000) as i16);
+        self.digits.push(time.map_or(0, |time| time.digits as i8));
         self.is_known.push(time.is_some());
     }
 
-    fn take(&mut self) -> [ArrayRef; 2] {
+    fn take_batch(&mut self) -> [ArrayRef; 4] {
         let known = nulls(&mut self.is_known);
-        let time_us = std::mem::take(&mut self.time_us).into();
-        let time = arrow_array::TimestampMicrosecondArray::new(time_us, known.clone()).with_timezone("UTC");
-        let t_s = arrow_array::Float64Array::new(std::mem::take(&mut self.t_s).into(), known);
-        [Arc::new(time), Arc::new(t_s)]
+        let time = TimestampMicrosecondArray::new(take(&mut self.time_us).into(), known.clone()).with_timezone("UTC");
+        let t_s = Float64Array::new(take(&mut self.t_s).into(), known.clone());
+        let rest_ns = Int16Array::new(take(&mut self.rest_ns).into(), known.clone());
+        let digits = Int8Array::new(take(&mut self.digits).into(), known);
+        [Arc::new(time), Arc::new(t_s), Arc::new(rest_ns), Arc::new(digits)]
     }
 }
 
@@ -87,6 +97,6 @@ fn seconds(t_ns: i64) -> f64 {
 
 /// `None` if all are known.
 fn nulls(is_known: &mut Vec<bool>) -> Option<NullBuffer> {
-    let is_known = std::mem::take(is_known);
+    let is_known = take(is_known);
     is_known.contains(&false).then(|| NullBuffer::from(is_known))
 }

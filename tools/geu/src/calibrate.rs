@@ -10,7 +10,6 @@ use geu_calibration::{
 use geu_model::Configuration;
 use geu_model::device::Device;
 use geu_model::units::SAMPLE_INTERVAL_NS;
-use geu_protocol::CanIdMap;
 use geu_recording::{DecoderOptions, DeviceDecoder, InputReader, Reference, ReferenceAttitude, Sink, Stop};
 use geu_report::calibration::{CalibrationPage, comparison_table, terminal_table};
 
@@ -34,7 +33,7 @@ pub struct Arguments {
     /// Unit of the recording: a name of `geu device list`, or a description
     #[arg(long, value_name = "NAME|FILE")]
     device: Option<String>,
-    /// Recording of the link, CAN or serial; several are one stream
+    /// Recording of the link, CAN or serial, or an archive of `geu decode --format parquet`; several are one stream
     #[arg(long, required = true, num_args = 1.., value_name = "FILE")]
     link: Vec<String>,
     /// Reference attitude: reference.csv or a CCSDS attitude ephemeris
@@ -126,7 +125,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let windows = arguments.evaluation.windows()?;
     let input = AttitudeInput::read(arguments, &configuration)?;
     let start_ns = arguments.evaluation.start_ns(input.start_ns());
-    let counts = read_counts(&arguments.link, arguments.evaluation.base, start_ns)?;
+    let counts = read_counts(&arguments.link, arguments.evaluation.options()?, start_ns)?;
     input.check_time_system(&counts)?;
     let attitude = match &input {
         AttitudeInput::Reference(reference) => AttitudeSource::Reference(reference, arguments.reference_sigma),
@@ -168,7 +167,8 @@ fn run_described(
         )));
     };
     let start_ns = arguments.evaluation.start_ns(input.start_ns());
-    let recording = read_device(&arguments.link, &configuration.device, reference, start_ns)?;
+    let recording =
+        read_device(&arguments.link, arguments.evaluation.options()?, &configuration.device, reference, start_ns)?;
     input.check_time_system(&recording.counts)?;
     let DeviceRecording { counts, defects, outliers, left_out, .. } = recording;
     let link = arguments.link.join(" ");
@@ -273,8 +273,7 @@ pub fn start_of_sensors_ns(sensors: &AbsoluteData) -> Option<i64> {
 ///
 /// # Errors
 /// An input cannot be read.
-pub fn read_recordings(names: &[String], plan: Option<CanIdMap>, sink: &mut impl Sink) -> Result<(), CommandError> {
-    let options = DecoderOptions { plan: plan.unwrap_or_default(), ..DecoderOptions::default() };
+pub fn read_recordings(names: &[String], options: DecoderOptions, sink: &mut impl Sink) -> Result<(), CommandError> {
     let mut reader = InputReader::new(options, Stop::default());
     for name in names {
         reader.read(name, sink).map_err(CommandError::input)?;
@@ -288,12 +287,12 @@ pub fn read_recordings(names: &[String], plan: Option<CanIdMap>, sink: &mut impl
 /// An input cannot be read, or contains no sample.
 pub fn read_device(
     names: &[String],
+    options: DecoderOptions,
     device: &Device,
     reference: &ReferenceAttitude,
     start_ns: i64,
 ) -> Result<DeviceRecording, CommandError> {
     let mut counts = DeviceCountsReader::new(device, reference);
-    let options = DecoderOptions::default();
     let mut reader = InputReader::with(DeviceDecoder::new(device, &options), options, Stop::default());
     for name in names {
         reader.read(name, &mut counts).map_err(CommandError::input)?;
@@ -332,11 +331,11 @@ pub fn read_device(
 /// An input cannot be read, or contains no sample.
 pub fn read_counts(
     names: &[String],
-    plan: Option<CanIdMap>,
+    options: DecoderOptions,
     clock_start_ns: i64,
 ) -> Result<AccumulatedCounts, CommandError> {
     let mut counts = CountsReader::default();
-    read_recordings(names, plan, &mut counts)?;
+    read_recordings(names, options, &mut counts)?;
     if counts.defects() > 0 {
         let (count, input) = (counts.defects(), names.join(" "));
         note(format_args!("geu: {count} defects in {input}; `geu decode --format summary {input}` lists them\n"));

@@ -3,26 +3,29 @@
 mod output;
 pub mod stream;
 pub mod table;
+mod writer;
 
 use std::io::IsTerminal;
 
 use clap::{ArgAction, Args, ValueEnum};
 use geu_archive::{Columns, DeviceColumns, FileFormat, UnitColumns};
-use geu_recording::{Decode, DecodeSummary, Defect, DeviceSample, InputError, InputReader, ReceivedSample, Sink};
-use geu_report::rows::{DefectLines, DeviceRows, TextFormat, write_row};
+use geu_recording::{Decode, DecodeSummary, DeviceSample, InputError, InputReader, ReceivedSample};
+use geu_report::rows::{DeviceRows, TextFormat, write_row};
 
 use crate::command_error::{CommandError, note};
 use crate::device::{DEFAULT_DEVICE, device};
 use crate::input_args::{InputArgs, note_elsewhere};
-use crate::output_writer::{BUFFER, OutputWriter};
+use crate::output_writer::OutputWriter;
 use crate::outputs::{OutputDirectory, OutputFile, persist};
 use crate::settings::choice;
 use output::{BATCH_ROWS, ColumnPlace, ColumnRows, NoRows, RowOutput, TextRows};
+use writer::Writer;
 
 /// Decodes recordings or live links to CSV, JSON lines, Parquet, Arrow or a summary.
 #[derive(Args)]
 pub struct Arguments {
-    /// Recording, `-`, serial device, pty, CAN interface or HOST:PORT of `--tcp` (live); several are one stream, in order.
+    /// Recording, archive (Parquet of `geu decode`, a file or a directory), `-`, serial device, pty, CAN interface or HOST:PORT
+    /// of `--tcp` (live); several are one stream, in order.
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<String>,
     /// Output format.
@@ -232,104 +235,4 @@ pub fn gives_rows(read: &Result<(), InputError>) -> bool {
 pub fn is_refused(result: &Result<(), InputError>, summary: &DecodeSummary, read: usize) -> bool {
     let is_first = read == 0 || matches!(result, Err(InputError::NoFrame { .. }));
     !gives_rows(result) && is_first && summary.rows == 0
-}
-
-/// Writes rows and defects as they are read.
-struct Writer<'a, O> {
-    arguments: &'a Arguments,
-    rows: O,
-    /// True once an input, and with it the outputs, are open.
-    is_open: bool,
-    defects: Option<OutputWriter>,
-    lines: DefectLines,
-    /// The first failure of writing.
-    broken: Option<CommandError>,
-}
-
-impl<'a, O> Writer<'a, O> {
-    fn new(arguments: &'a Arguments, rows: O) -> Writer<'a, O> {
-        Writer { arguments, rows, is_open: false, defects: None, lines: DefectLines::default(), broken: None }
-    }
-
-    /// Keeps the first failure.
-    fn keep(&mut self, result: Result<(), CommandError>) {
-        if let Err(failure) = result {
-            self.broken.get_or_insert(failure);
-        }
-    }
-
-    fn open<R>(&mut self) -> Result<(), CommandError>
-    where
-        O: RowOutput<R>,
-    {
-        self.rows.open()?;
-        self.defects = self.arguments.defects.as_ref().map(|path| OutputWriter::open(Some(path))).transpose()?;
-        Ok(())
-    }
-
-    #[cold]
-    fn write_out<R>(&mut self)
-    where
-        O: RowOutput<R>,
-    {
-        if !self.is_open {
-            return;
-        }
-        if let Some(output) = &mut self.defects {
-            self.lines.end(&mut output.buffer);
-            let written = output.flush();
-            self.keep(written);
-        }
-        let written = self.rows.flush();
-        self.keep(written);
-    }
-
-    /// The complete files; none if no input was open.
-    fn finish<R>(self) -> Result<Vec<geu_files::Output>, CommandError>
-    where
-        O: RowOutput<R>,
-    {
-        if !self.is_open {
-            return Ok(Vec::new());
-        }
-        let mut outputs = self.rows.finish()?;
-        outputs.extend(self.defects.map(OutputWriter::complete).transpose()?);
-        Ok(outputs)
-    }
-}
-
-impl<R, O: RowOutput<R>> Sink<R> for Writer<'_, O> {
-    fn opened(&mut self) {
-        if !self.is_open {
-            self.is_open = true;
-            self.broken = self.open().err();
-        }
-    }
-
-    #[inline]
-    fn row(&mut self, row: &R) {
-        if let Some(output) = &mut self.defects {
-            self.lines.end(&mut output.buffer);
-        }
-        let written = self.rows.row(row);
-        self.keep(written);
-    }
-
-    fn defect(&mut self, defect: &Defect) {
-        if let Some(output) = &mut self.defects {
-            self.lines.push(defect, &mut output.buffer);
-            if output.buffer.len() >= BUFFER {
-                let written = output.flush();
-                self.keep(written);
-            }
-        }
-    }
-
-    fn flush(&mut self) {
-        self.write_out();
-    }
-
-    fn is_closed(&self) -> bool {
-        self.broken.is_some()
-    }
 }

@@ -8,9 +8,8 @@ use clap::Args;
 use geu_diagnosis::outcome::{Class, DiagnosedEffect, Diagnosis};
 use geu_diagnosis::{DiagnosisOptions, Thresholds, Verdict, diagnose_device, diagnose_rows, report};
 use geu_model::Configuration;
-use geu_protocol::CanIdMap;
 use geu_protocol::capture::{RecordPosition, Timestamp};
-use geu_recording::{Defect, DefectKind, ReceivedSample, Reference, Sink, read_text};
+use geu_recording::{DecoderOptions, Defect, DefectKind, ReceivedSample, Reference, Sink, read_text};
 use geu_report::diagnosis::{DiagnosisPage, text};
 use indicatif::ProgressBar;
 
@@ -33,7 +32,7 @@ pub struct Arguments {
     /// Unit of the recording: a name of `geu device list`, or a description
     #[arg(long, alias = "gyro-csv", value_name = "NAME|FILE")]
     device: Option<String>,
-    /// Recording of the link, CAN or serial; several are one stream
+    /// Recording of the link, CAN or serial, or an archive of `geu decode --format parquet`; several are one stream
     #[arg(long, required = true, num_args = 1.., value_name = "FILE")]
     link: Vec<String>,
     /// Reference attitude: reference.csv or a CCSDS attitude ephemeris; with --device also magnitudes of the rate
@@ -73,7 +72,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         Reference::Magnitudes(rows) => {
             arguments.verify_magnitudes()?;
             let (device, json) = (&nominal.device, arguments.evaluation.json.as_ref());
-            let names = (&arguments.link[..], arguments.reference.as_str());
+            let names = (&arguments.link[..], arguments.evaluation.options()?, arguments.reference.as_str());
             return diagnose_magnitudes::run(device, names, &rows, arguments.seed, json);
         }
     };
@@ -92,11 +91,17 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     };
     let diagnosis = match nominal.device.is_iras() {
         true => {
-            let recording = DecodedRecording::read(&arguments.link, arguments.evaluation.base)?;
+            let recording = DecodedRecording::read(&arguments.link, arguments.evaluation.options()?)?;
             diagnose_rows(&recording.rows, &recording.defects(), &nominal, &reference, &options)
         }
         false => {
-            let recording = read_device(&arguments.link, &nominal.device, &reference, options.clock_start_ns)?;
+            let recording = read_device(
+                &arguments.link,
+                arguments.evaluation.options()?,
+                &nominal.device,
+                &reference,
+                options.clock_start_ns,
+            )?;
             diagnose_device(recording, &nominal, &reference, &options)
         }
     };
@@ -244,9 +249,9 @@ impl DecodedRecording {
     ///
     /// # Errors
     /// An input cannot be read.
-    fn read(names: &[String], plan: Option<CanIdMap>) -> Result<DecodedRecording, CommandError> {
+    fn read(names: &[String], options: DecoderOptions) -> Result<DecodedRecording, CommandError> {
         let mut recording = DecodedRecording::default();
-        read_recordings(names, plan, &mut recording)?;
+        read_recordings(names, options, &mut recording)?;
         if recording.further > 0 {
             let further = recording.further;
             note(format_args!(

@@ -6,7 +6,7 @@ use std::ops::Range;
 
 use geu_magnitudes::{Gyro, Verdict, Windows, diagnose};
 use geu_model::device::Device;
-use geu_recording::MagnitudeRow;
+use geu_recording::{DecoderOptions, MagnitudeRow};
 use geu_report::magnitudes;
 
 use self::samples::{HEADS, Sample, Samples};
@@ -23,7 +23,7 @@ const MIN_SHARE: f64 = 0.5;
 /// An input cannot be read or is too short, a file cannot be written, the residual is not explained.
 pub fn run(
     device: &Device,
-    (links, reference): (&[String], &str),
+    (links, options, reference): (&[String], DecoderOptions, &str),
     rows: &[MagnitudeRow],
     seed: u64,
     json: Option<&OutputFile>,
@@ -34,7 +34,7 @@ pub fn run(
     let mut windows = Windows::new(gyros).map_err(failed)?;
     let mut samples = Samples::new(device);
     for link in links {
-        samples.read(link, device)?;
+        samples.read(link, options.clone())?;
     }
     let own = rows.iter().filter(|row| row.window_ns.is_none());
     for row in own {

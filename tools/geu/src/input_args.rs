@@ -12,6 +12,7 @@ use geu_recording::{DecodeSummary, DecoderOptions, DeviceDecoder, InputReader, S
 
 use crate::command_error::{CommandError, note};
 use crate::settings::{LONGEST_S, can_base, duration};
+use crate::time_range::RangeArgs;
 
 /// Options of commands that read the unit's link.
 #[derive(Args)]
@@ -31,6 +32,8 @@ pub struct InputArgs {
     /// Stop after this time.
     #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = duration(0.0, LONGEST_S))]
     pub duration: Option<f64>,
+    #[command(flatten)]
+    range: RangeArgs,
 }
 
 impl InputArgs {
@@ -38,9 +41,9 @@ impl InputArgs {
     /// ends the process.
     ///
     /// # Errors
-    /// Signals cannot be watched.
+    /// Signals cannot be watched, or a range of times that is none.
     pub fn reader(&self, inputs: &[String]) -> Result<InputReader<'static>, CommandError> {
-        let options = self.options();
+        let options = self.options()?;
         Ok(InputReader::new(options, self.stop(inputs)?))
     }
 
@@ -56,7 +59,7 @@ impl InputArgs {
         if self.base.is_some() {
             return Err(CommandError::input("--base: expected none: the identifiers are in the description"));
         }
-        let mut options = self.options();
+        let mut options = self.options()?;
         options.baud = options.baud.or(device.serial.as_ref().map(|serial| serial.baud));
         Ok(InputReader::with(DeviceDecoder::new(device, &options), options, self.stop(inputs)?))
     }
@@ -69,13 +72,18 @@ impl InputArgs {
     }
 
     /// Options of a decoder.
-    pub fn options(&self) -> DecoderOptions {
-        DecoderOptions {
+    ///
+    /// # Errors
+    /// A range of times that is none.
+    pub fn options(&self) -> Result<DecoderOptions, CommandError> {
+        Ok(DecoderOptions {
             plan: self.base.unwrap_or_default(),
             interface: self.interface.clone(),
             format: self.input_format,
             baud: self.baud,
-        }
+            range: self.range.range()?,
+            ..DecoderOptions::default()
+        })
     }
 
     /// Prints the reason if there was no row.

@@ -50,6 +50,7 @@ mod selftest;
 mod send;
 mod settings;
 mod simulate;
+mod time_range;
 mod token;
 mod track;
 mod update;

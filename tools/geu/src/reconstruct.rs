@@ -13,6 +13,7 @@ use geu_model::Configuration;
 use geu_model::configuration::unix_ns;
 use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::{CanIdMap, Gyro};
+use geu_recording::DecoderOptions;
 
 use crate::calibrate::{read_counts, start_of_sensors_ns};
 use crate::command_error::{CommandError, note, say};
@@ -144,7 +145,8 @@ fn recording(
         AbsoluteData::read(arguments.fss.as_deref(), sse, configuration.sensors).map_err(CommandError::input)?;
     let attitude_start_ns = start_of_sensors_ns(&sensors).unwrap_or(configuration.start_unix_ns);
     let start_ns = arguments.start.map_or(attitude_start_ns, unix_ns);
-    let counts = read_counts(&arguments.link, arguments.base, start_ns)?;
+    let options = DecoderOptions { plan: arguments.base.unwrap_or_default(), ..DecoderOptions::default() };
+    let counts = read_counts(&arguments.link, options, start_ns)?;
     let fixes = AttitudeFix::from_sensors(&sensors, counts.start_ns);
     // Constant departures of the configuration are prior knowledge, as for `geu calibrate`.
     let calibrations = checkout_calibration(configuration);

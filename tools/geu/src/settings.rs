@@ -14,12 +14,13 @@ use geu_model::units::duration_s;
 use geu_model::{Configuration, GyroUnit, Truth};
 use geu_protocol::CanIdMap;
 use geu_recorder::{self as recorder, received};
-use geu_recording::{REFERENCE, ReferenceAttitude, TableError, open_rows};
+use geu_recording::{DecoderOptions, REFERENCE, ReferenceAttitude, TableError, open_rows};
 use geu_report::Provenance;
 
 use crate::command_error::CommandError;
 use crate::device::unit;
 use crate::outputs::OutputFile;
+use crate::time_range::RangeArgs;
 
 /// Configuration and overrides.
 #[derive(Args, Debug, Clone, Default)]
@@ -121,9 +122,20 @@ pub struct EvaluationArgs {
     /// Write the result as a page with plots, which needs no other file
     #[arg(long, value_name = "FILE")]
     pub html: Option<OutputFile>,
+    #[command(flatten)]
+    pub range: RangeArgs,
 }
 
 impl EvaluationArgs {
+    /// Options of the decoder.
+    ///
+    /// # Errors
+    /// A range of times that is none.
+    pub fn options(&self) -> Result<DecoderOptions, CommandError> {
+        let (plan, range) = (self.base.unwrap_or_default(), self.range.range()?);
+        Ok(DecoderOptions { plan, range, ..DecoderOptions::default() })
+    }
+
     /// Reads the manoeuvres.
     ///
     /// # Errors

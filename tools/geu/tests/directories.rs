@@ -1,4 +1,4 @@
-//! Output directories: one that is not empty is refused without `--force`.
+//! Output directories: one that is not empty is refused without `--force`. An archive grows: only a file that exists is refused.
 
 use std::fs;
 use std::path::Path;
@@ -61,4 +61,70 @@ fn directory_that_is_not_empty_needs_force() {
         let refused = geu(command, &foreign, &["--force"]);
         assert_eq!(refused.status.code(), Some(1), "{refused:?}");
     }
+}
+
+/// Names of the files and directories within a directory, sorted.
+fn names(directory: &Path) -> Vec<String> {
+    let Ok(entries) = fs::read_dir(directory) else { return Vec::new() };
+    let paths = entries.map(|entry| entry.expect("an entry").path());
+    let within = paths.flat_map(|path| [vec![path.display().to_string()], names(&path)].concat());
+    let mut all: Vec<String> = within.collect();
+    all.sort_unstable();
+    all
+}
+
+#[test]
+fn an_archive_grows_and_a_file_in_it_needs_force() {
+    let parent = tempfile::tempdir().expect("a directory");
+    let path = |name: &str| parent.path().join(name);
+    // Two days, from 40 s before midnight.
+    for (name, start) in [("late", "1795132760"), ("later", "1795219200")] {
+        let simulated = geu(&["simulate", "--duration", "60", "--start", start, "--out"], &path(name), &[]);
+        assert!(simulated.status.success(), "{simulated:?}");
+    }
+    let decode = |input: &str, directory: &Path, more: &[&str]| {
+        let input = path(input).display().to_string();
+        let words = ["decode", &input, "--quiet", "--format", "parquet", "--partition"];
+        geu(&words, directory, more)
+    };
+    let archive = path("archive");
+    let written = decode("late/link.log", &archive, &[]);
+    assert!(written.status.success() && written.stdout.is_empty(), "{written:?}");
+    let before = names(&archive);
+    let days = ["device=iras/day=2026-11-19", "device=iras/day=2026-11-20"].map(|day| archive.join(day));
+    assert!(before.len() == 5 && days.iter().all(|day| names(day).len() == 1), "{before:?}");
+
+    // The second file of a recording exists: the first is not written either.
+    fs::remove_dir_all(&days[0]).expect("removed");
+    let before = names(&archive);
+    let refused = decode("late/link.log", &archive, &[]);
+    let message = String::from_utf8_lossy(&refused.stderr);
+    assert!(refused.status.code() == Some(2) && names(&archive) == before, "{message} {:?}", names(&archive));
+    assert!(message.lines().count() == 1 && message.contains(".parquet: ") && message.contains("--force"), "{message}");
+    assert!(decode("late/link.log", &archive, &["--force"]).status.success());
+    assert!(decode("later/link.log", &archive, &[]).status.success());
+    assert_eq!(names(&archive).len(), 7);
+
+    // A file of the archive is its own input.
+    let day = names(&days[0]).remove(0);
+    let refused = decode(&day, &archive, &["--force"]);
+    let message = String::from_utf8_lossy(&refused.stderr);
+    assert!(refused.status.code() == Some(2) && message.contains("not an input"), "{message}");
+
+    // A file in place of the directory; a recording that is refused; a full disk.
+    let (foreign, new) = (path("notes.txt"), path("new/archive"));
+    fs::write(&foreign, "mine").expect("written");
+    let refused = decode("late/link.log", &foreign, &[]);
+    let message = String::from_utf8_lossy(&refused.stderr);
+    assert!(refused.status.code() == Some(1) && message.contains("notes.txt: cannot be written"), "{message}");
+    assert_eq!(decode("notes.txt", &new, &[]).status.code(), Some(2));
+    let words = format!(
+        "ulimit -f 0; exec \"$0\" decode {} --quiet --format parquet --partition {}",
+        path("late/link.log").display(),
+        new.display()
+    );
+    let full = Command::new("sh").args(["-c", &words, env!("CARGO_BIN_EXE_geu")]).output().expect("geu runs");
+    let message = String::from_utf8_lossy(&full.stderr);
+    assert!(full.status.code() == Some(1) && message.contains("archive: cannot be written"), "{message}");
+    assert!(!path("new").exists(), "{:?}", names(&path("new")));
 }

@@ -1,5 +1,6 @@
 //! The command `geu` as a process.
 
+mod archives;
 mod blind;
 mod directories;
 mod outputs;

@@ -251,7 +251,7 @@ pub(crate) fn parse(
 }
 
 /// An epoch, calendar or day of year, as ns since 1970 in its own time system.
-fn epoch_ns(text: &str) -> Option<i64> {
+pub(crate) fn epoch_ns(text: &str) -> Option<i64> {
     let (date, time) = text.strip_suffix('Z').unwrap_or(text).split_once('T')?;
     let number = |text: &str, length: usize, min: i64, max: i64| {
         let all_digits = text.len() == length && text.bytes().all(|byte| byte.is_ascii_digit());

@@ -8,12 +8,15 @@ use std::collections::HashMap;
 use geu_protocol::can::{Assembler, AssemblerEvent, CanDefect, DefectBytes, Role};
 use geu_protocol::capture::{CaptureRecord, Format, Frame, RecordPosition, Timestamp};
 use geu_protocol::command::{COMMAND_LENGTHS, REPLY_LENGTHS};
+use geu_protocol::continuity::ClockCheck;
 use geu_protocol::excerpt::excerpt;
 use geu_protocol::{CanIdMap, Gyro};
 
 use self::bus::{Bus, InterfaceSelection};
 pub use self::serial::InputStarts;
 use self::serial::Serial;
+use crate::archive::{ArchiveRows, ArchiveUnit, TimeRange};
+use crate::defect::DefectKind;
 use crate::flow::Flow;
 use crate::input_reader::Decode;
 use crate::row::{ReceivedSample, Sink};
@@ -27,6 +30,10 @@ pub struct DecoderOptions {
     /// Format of the inputs; otherwise detected from their content.
     pub format: Option<&'static Format>,
     pub baud: Option<u32>,
+    /// Times of the rows of archives; other inputs are then refused.
+    pub range: Option<TimeRange>,
+    /// True if bytes are read, and rows of archives are no input.
+    pub reads_no_archives: bool,
 }
 
 /// Decodes inputs, one after the other, to rows and defects.
@@ -48,6 +55,8 @@ pub struct Decoder {
     /// True if the inputs were not read to their end.
     is_stopped: bool,
     flow: Flow,
+    /// Clock of the rows of archives.
+    clock: ClockCheck,
 }
 
 /// Rows of another known interface, without a frame of the chosen one, after which it is chosen instead.
@@ -74,6 +83,7 @@ impl Decoder {
             serial: Serial::default(),
             is_stopped: false,
             flow: Flow::new(Gyro::NAMES.map(str::to_owned), None),
+            clock: ClockCheck::default(),
         }
     }
 
@@ -257,6 +267,31 @@ impl Decode for Decoder {
 
     fn serial(&mut self, bytes: &[u8], time: Option<Timestamp>, sink: &mut impl Sink) {
         self.serial.read(bytes, time, &mut self.flow, sink);
+    }
+
+    fn archive(&self) -> ArchiveUnit {
+        ArchiveUnit::iras()
+    }
+
+    #[inline]
+    fn archived(
+        &mut self,
+        place: RecordPosition,
+        rows: &ArchiveRows,
+        row: usize,
+        sink: &mut impl Sink,
+    ) -> Result<(), String> {
+        let sample = rows.sample(row)?;
+        let Decoder { flow, clock, .. } = self;
+        flow.summary.account.records += 1;
+        flow.summary.account.decoded += 1;
+        let stamp = flow.stamp(place, sample.time.filter(|_| sample.is_received));
+        let follows = !sample.has_clock || clock.accepts(sample.sample.sequence, sample.sample.clock_count);
+        flow.row(stamp, &sample, follows, sink);
+        if !follows {
+            flow.defect(stamp, DefectKind::ClockInconsistent, &[], 0, sink);
+        }
+        Ok(())
     }
 
     fn stop(&mut self) {

@@ -12,6 +12,7 @@ use geu_protocol::layout::{Quantity, Sequence};
 use self::can::Can;
 use self::serial::Serial;
 use self::table::Table;
+use crate::archive::{ArchiveRows, ArchiveUnit};
 use crate::decoder::DecoderOptions;
 use crate::defect::DefectKind;
 use crate::flow::{Flow, Stamp};
@@ -27,6 +28,11 @@ pub struct DeviceDecoder {
     table: Option<Table>,
     samples: Samples,
     is_stopped: bool,
+    archive: ArchiveUnit,
+    /// True before the first row of a file of an archive, and the difference of its numbers to those in the file.
+    begins: bool,
+    renumbered: u64,
+    row: DeviceSample,
 }
 
 /// Samples and their account.
@@ -102,9 +108,15 @@ impl Samples {
         row.time = stamp.time;
         row.values.clear();
         row.values.extend_from_slice(values);
+        self.give(stamp, step, sink);
+    }
+
+    /// Counts and reports the present row.
+    #[inline]
+    fn give(&mut self, stamp: Stamp, step: SequenceStep, sink: &mut impl Sink<DeviceSample>) {
         for &(slot, head, counted) in &self.flags {
             let (_, invalid, saturated) = &mut self.flow.summary.heads[head];
-            *(if counted == 0.0 { invalid } else { saturated }) += u64::from(values[slot] == counted);
+            *(if counted == 0.0 { invalid } else { saturated }) += u64::from(self.row.values[slot] == counted);
         }
         self.flow.sample(stamp, step, &self.row, sink);
     }
@@ -126,7 +138,40 @@ impl DeviceDecoder {
             table,
             samples,
             is_stopped: false,
+            archive: ArchiveUnit::described(device),
+            begins: false,
+            renumbered: 0,
+            row: DeviceSample { values: vec![f64::NAN; device.values().len()], ..DeviceSample::default() },
         }
+    }
+
+    /// Reports a row of an archive. Files that are no continuation of each other are numbered through.
+    fn archived_row(&mut self, stamp: Stamp, sink: &mut impl Sink<DeviceSample>) {
+        let DeviceDecoder { samples, row, .. } = self;
+        let is_first = samples.flow.summary.rows == 0 || samples.row.group != row.group;
+        if is_first {
+            samples.begin_trial();
+        }
+        let last = samples.row.number;
+        if std::mem::take(&mut self.begins) {
+            self.renumbered = 0;
+            if !is_first && row.number <= last {
+                let since_ns = samples.last.zip(row.time).map_or(0, |(last, now)| now.t_ns.saturating_sub(last.t_ns));
+                let intervals = (since_ns as f64 * 1e-9 / samples.interval_s).round().max(1.0) as u64;
+                self.renumbered = last.saturating_add(intervals) - row.number;
+            }
+        }
+        row.number = row.number.saturating_add(self.renumbered);
+        let step = match (is_first, row.number.checked_sub(last)) {
+            (true, _) => SequenceStep::First,
+            (_, Some(0)) => SequenceStep::Repeat,
+            (_, Some(1)) => SequenceStep::Next,
+            (_, Some(steps)) => SequenceStep::Gap(steps - 1),
+            (_, None) => SequenceStep::Reset,
+        };
+        samples.last = row.time;
+        samples.row.clone_from(row);
+        samples.give(stamp, step, sink);
     }
 
     /// Reports samples of which frames are missing at the end.
@@ -150,6 +195,27 @@ impl Decode for DeviceDecoder {
             table.begin();
         }
         self.samples.flow.begin(name);
+        self.begins = true;
+    }
+
+    fn archive(&self) -> ArchiveUnit {
+        self.archive.clone()
+    }
+
+    fn archived(
+        &mut self,
+        place: RecordPosition,
+        rows: &ArchiveRows,
+        row: usize,
+        sink: &mut impl Sink<DeviceSample>,
+    ) -> Result<(), String> {
+        rows.device_sample(row, &mut self.row)?;
+        let flow = &mut self.samples.flow;
+        flow.summary.account.records += 1;
+        flow.summary.account.decoded += 1;
+        let stamp = flow.stamp(place, self.row.time);
+        self.archived_row(stamp, sink);
+        Ok(())
     }
 
     /// A table is known by its header. A unit without CAN has no captures: the rest is serial bytes.

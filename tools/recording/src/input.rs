@@ -25,7 +25,9 @@ pub enum InputError {
     )]
     Missing { name: String },
     /// A directory.
-    #[error("{name}: is a directory; expected a recording, -, a serial device, a CAN interface or HOST:PORT")]
+    #[error(
+        "{name}: is a directory; expected a recording, an archive of Parquet files, -, a serial device, a CAN interface or HOST:PORT"
+    )]
     Directory { name: String },
     /// The operating system refuses to open it.
     #[error("{name}: cannot be opened: {source}")]
@@ -65,6 +67,17 @@ pub enum InputError {
     /// Text in no known format.
     #[error("{name}: line 1: expected {}, got {got}; --input-format selects a format", Format::titles(true))]
     UnknownText { name: String, got: String },
+    /// A file or directory of an archive that is not read.
+    #[error("{name}: {message}")]
+    Archive { name: String, message: String },
+    /// A range of times of an input that is no archive.
+    #[error(
+        "{name}: expected an archive of `geu decode --format parquet` with --from or --to, got another input; leave them out, or decode it to an archive"
+    )]
+    NoArchive { name: String },
+    /// No row between two times.
+    #[error("--from, --to: expected samples of {names} in this range, got none")]
+    EmptyRange { names: String },
     /// Text without the columns of the unit's table.
     #[error("{name}: line 1: expected {expected}, got {got}")]
     Columns { name: String, expected: String, got: String },

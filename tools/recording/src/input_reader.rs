@@ -1,13 +1,17 @@
 //! Reads inputs to their end, or until it is stopped.
 
+mod archives;
+mod decode;
+
 use std::io::ErrorKind;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use geu_protocol::capture::{CaptureRecord, Detected, Format, Reader, RecordPosition, Timestamp, detect};
+use geu_protocol::capture::{CaptureRecord, Detected, Format, Reader, RecordPosition};
 use geu_protocol::excerpt::excerpt;
 use geu_protocol::hex::spaced_hex;
 
+pub use self::decode::Decode;
 use crate::decoder::{Decoder, DecoderOptions};
 use crate::input::{InputError, Source, Unpacked, open};
 use crate::live::{CanSocket, Received, SerialPort, wait_readable};
@@ -48,60 +52,6 @@ impl Stop<'_> {
     }
 }
 
-/// Decodes records and bytes to rows and defects.
-pub trait Decode {
-    /// A row.
-    type Row;
-
-    /// Starts an input.
-    fn begin(&mut self, name: &str, sink: &mut impl Sink<Self::Row>);
-    /// The summary up to now.
-    fn summary(&mut self) -> &mut DecodeSummary;
-    /// Reads a record of a capture, or a live CAN frame.
-    fn event(&mut self, place: RecordPosition, event: CaptureRecord, sink: &mut impl Sink<Self::Row>);
-    /// Reports that the receiver lost `count` frames.
-    fn dropped(&mut self, place: RecordPosition, count: u64, sink: &mut impl Sink<Self::Row>);
-    /// Reads serial bytes, with their receive time if it is known.
-    fn serial(&mut self, bytes: &[u8], time: Option<Timestamp>, sink: &mut impl Sink<Self::Row>);
-    /// Notes that the inputs were not read to their end: an incomplete frame is then unfinished, no defect.
-    fn stop(&mut self);
-    /// Ends the inputs: reports what waits.
-    fn finish(&mut self, sink: &mut impl Sink<Self::Row>);
-    fn into_summary(self) -> DecodeSummary;
-
-    /// The format of an input, from its first bytes; `is_complete` if no more are available for it.
-    fn detect(&self, head: &[u8], is_complete: bool) -> Detected {
-        detect(head, is_complete)
-    }
-
-    /// True if tables of samples are read, which may be Parquet.
-    fn reads_tables(&self) -> bool {
-        false
-    }
-
-    /// Columns that a table must have, in words, if the unit has nothing else.
-    fn columns(&self) -> Option<String> {
-        None
-    }
-
-    /// Serial frames or captures that are expected, in words.
-    fn expected(&self) -> String {
-        format!("{} with a matching CRC", Format::titles(false))
-    }
-
-    /// Sets the format of the present input.
-    fn describe(&mut self, kind: &str) {
-        if let Some((_, known)) = self.summary().inputs.last_mut() {
-            kind.clone_into(known);
-        }
-    }
-
-    /// Counts records as their reader counts them; they must equal the events.
-    fn count_records(&mut self, records: u64) {
-        self.summary().account.records += records;
-    }
-}
-
 /// Opens inputs and decodes them as one stream.
 pub struct InputReader<'a, D = Decoder> {
     options: DecoderOptions,
@@ -129,6 +79,12 @@ impl<'a, D: Decode> InputReader<'a, D> {
     /// # Errors
     /// [`InputError`].
     pub fn read(&mut self, name: &str, sink: &mut impl Sink<D::Row>) -> Result<(), InputError> {
+        if !self.options.reads_no_archives && self.archive(name, sink)? {
+            return Ok(());
+        }
+        if self.options.range.is_some() {
+            return Err(InputError::NoArchive { name: name.to_owned() });
+        }
         let source = open(name, self.options.baud, self.decoder.reads_tables(), self.stop)?;
         sink.opened();
         self.decoder.begin(name, sink);
@@ -154,6 +110,10 @@ impl<'a, D: Decode> InputReader<'a, D> {
         let result = match self.serial {
             Some((name, length, head)) if summary.serial_frames == 0 && !is_stopped => {
                 Err(no_frame(&name, length, &head, expected))
+            }
+            _ if self.options.range.is_some() && summary.rows == 0 && !is_stopped => {
+                let names: Vec<&str> = summary.inputs.iter().map(|(name, _)| name.as_str()).collect();
+                Err(InputError::EmptyRange { names: names.join(" ") })
             }
             _ => Ok(()),
         };

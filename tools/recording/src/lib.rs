@@ -31,6 +31,7 @@
 
 mod account;
 mod aem;
+pub mod archive;
 mod cadence;
 mod clock_fit;
 mod command_link;

@@ -262,7 +262,7 @@ fn end_line(text: &mut [u8]) {
 }
 
 /// Decodes; a panic of the decoder, which some damaged files cause, is an error and prints no message.
-fn guarded<T>(decode: impl FnOnce() -> io::Result<T>) -> io::Result<T> {
+pub(crate) fn guarded<T>(decode: impl FnOnce() -> io::Result<T>) -> io::Result<T> {
     static HOOK: Once = Once::new();
     thread_local!(static IS_DECODING: Cell<bool> = const { Cell::new(false) });
     HOOK.call_once(|| {
@@ -279,7 +279,7 @@ fn guarded<T>(decode: impl FnOnce() -> io::Result<T>) -> io::Result<T> {
     result.unwrap_or_else(|_| Err(invalid("the decoder stopped".to_owned())))
 }
 
-fn invalid(message: String) -> io::Error {
+pub(crate) fn invalid(message: String) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, message)
 }
 

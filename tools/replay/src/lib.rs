@@ -73,7 +73,8 @@ fn read_once<D: Decode>(
     options: &DecoderOptions,
     stop: &AtomicBool,
 ) -> (bool, Result<(), InputError>, DecodeSummary, Result<(), InputError>) {
-    let mut reader = InputReader::with(decoder, options.clone(), Stop { flag: Some(stop), deadline: None });
+    let options = DecoderOptions { reads_no_archives: true, ..options.clone() };
+    let mut reader = InputReader::with(decoder, options, Stop { flag: Some(stop), deadline: None });
     let mut result = Ok(());
     for name in names {
         result = reader.read(name, source);

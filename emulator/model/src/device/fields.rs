@@ -12,8 +12,20 @@ const COUNT_UNITS: NamedUnits = &[("count", 1.0)];
 
 /// Words of a `value`.
 const VALUES: [&str; 5] = ["sequence", "clock_count", "latency", "electronics", "sensor"];
-/// Columns of rows beside the values.
-const COLUMNS: [&str; 2] = ["t_s", "number"];
+/// Columns of rows and archives beside the values.
+const COLUMNS: [&str; 11] = [
+    "t_s",
+    "number",
+    "group",
+    "is_received",
+    "time",
+    "time_rest_ns",
+    "t_s_decimals",
+    "start",
+    "start_s",
+    "start_rest_ns",
+    "start_s_decimals",
+];
 
 /// True for a name that programs can have: a letter, then letters, digits and underscores.
 pub fn is_identifier(name: &str) -> bool {
@@ -54,7 +66,7 @@ impl<'a> Fields<'a> {
     ///
     /// # Errors
     /// It has another name, and with it another unit; or another quantity has the name. In words.
-    fn slot(&mut self, quantity: Quantity, name: String, factor: f64) -> Result<usize, String> {
+    fn slot(&mut self, quantity: Quantity, name: String, (unit, factor): (&'static str, f64)) -> Result<usize, String> {
         if let Some(slot) = self.set.slot(&quantity) {
             let known = &self.set.values[slot].name;
             return match *known == name {
@@ -66,7 +78,7 @@ impl<'a> Fields<'a> {
         if let Some(other) = names.into_iter().find(|other| other.eq_ignore_ascii_case(&name)) {
             return Err(format!("expected a name of its own, got {name} beside {other}"));
         }
-        self.set.values.push(ValueSpec { quantity, name, factor });
+        self.set.values.push(ValueSpec { quantity, name, unit, factor });
         Ok(self.set.values.len() - 1)
     }
 
@@ -105,7 +117,7 @@ impl<'a> Fields<'a> {
         let (unit, factor) = match node.keys().contains(&"unit") || is_output {
             true => {
                 let unit = node.choice("unit", &names)?;
-                (unit, units.iter().find(|(name, _)| *name == unit).map_or(1.0, |(_, factor)| *factor))
+                units.iter().find(|(name, _)| *name == unit).copied().unwrap_or(units[0])
             }
             false => units[0],
         };
@@ -120,7 +132,7 @@ impl<'a> Fields<'a> {
             "degC" => "_c".to_owned(),
             unit => format!("_{}", unit.replace('/', "_")),
         };
-        let slot = self.slot(quantity, stem + &suffix, factor).map_err(|message| node.error(key, message))?;
+        let slot = self.slot(quantity, stem + &suffix, (unit, factor)).map_err(|message| node.error(key, message))?;
         if is_output && self.outputs.contains(&slot) {
             return Err(node.error("head", "expected one field for the output of a head, got another one".to_owned()));
         }
@@ -277,7 +289,7 @@ impl<'a> Fields<'a> {
                     );
                 }
             };
-            let slot = self.slot(quantity, column, 1.0).map_err(|message| node.error(name, message))?;
+            let slot = self.slot(quantity, column, ("", 1.0)).map_err(|message| node.error(name, message))?;
             let field = Field::new(slot, word.bits_of(bit as u32, 1));
             fields.push(if is_inverted { field.scaled(-1.0, 1.0) } else { field });
         }

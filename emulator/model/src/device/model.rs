@@ -16,6 +16,21 @@ impl Device {
         self.description.text.is_empty()
     }
 
+    /// Name of the unit as `--device` has it, or of the file of its description, without `.toml`.
+    pub fn unit_name(&self) -> &str {
+        let name = self.description.name.rsplit('/').next().unwrap_or_default();
+        self.known_name().unwrap_or(name.strip_suffix(".toml").unwrap_or(name))
+    }
+
+    /// True for a value that is a count of samples or of the clock, and whole on every link.
+    pub fn is_count(&self, slot: usize) -> bool {
+        let is_count = matches!(self.values()[slot].quantity, Quantity::Sequence | Quantity::ClockCount);
+        let sets = [false, true].into_iter().filter_map(|is_can| self.frames(is_can));
+        let mut fields =
+            sets.flat_map(|set| &set.frames).flat_map(|frame| &frame.fields).filter(|own| own.slot == slot);
+        is_count && self.table.is_none() && fields.all(Field::is_whole)
+    }
+
     /// True unless the samples of the unit come in a table alone.
     pub fn has_link(&self) -> bool {
         self.is_iras() || self.serial.is_some() || self.can.is_some()

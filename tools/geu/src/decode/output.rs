@@ -1,5 +1,7 @@
 //! Outputs of rows: text, columns, or none.
 
+use std::io::ErrorKind;
+
 use geu_archive::{BatchFile, Columns, FileFormat, Partition};
 use geu_files::Output;
 
@@ -100,16 +102,17 @@ impl<C: Columns> ColumnRows<'_, C> {
     fn failed(&self, error: std::io::Error) -> CommandError {
         match self.place {
             ColumnPlace::File(Some(file)) => file.write_error(error),
-            ColumnPlace::Partition(..) if error.kind() == std::io::ErrorKind::AlreadyExists => {
-                CommandError::input(error)
-            }
+            ColumnPlace::Partition(directory, _) => match error.kind() {
+                ErrorKind::AlreadyExists | ErrorKind::InvalidInput => CommandError::input(error),
+                _ => CommandError::failed(format!("{}: cannot be written: {error}", directory.path().display())),
+            },
             _ => CommandError::writing(error),
         }
     }
 
     #[cold]
     fn write_batch(&mut self) -> Result<(), CommandError> {
-        let batch = self.columns.take();
+        let batch = self.columns.take_batch();
         let written = match &mut self.files {
             Some(ColumnFiles::File(file)) => file.write(&batch),
             Some(ColumnFiles::Partition(files)) => files.write(&batch),

@@ -57,11 +57,11 @@ impl StreamDecoder {
         match &mut self.0 {
             Unit::Default(decoder, rows) => {
                 decoder.serial(bytes, None, rows);
-                rows.columns.take()
+                rows.columns.take_batch()
             }
             Unit::Described(decoder, rows) => {
                 decoder.serial(bytes, None, rows);
-                rows.columns.take()
+                rows.columns.take_batch()
             }
         }
     }

@@ -16,7 +16,7 @@ use crate::device::{DEFAULT_DEVICE, device};
 pub struct DecodedTable {
     pub schema: SchemaRef,
     pub batches: Vec<RecordBatch>,
-    /// Account of the inputs in words.
+    /// Account of records, samples and defects, in words.
     pub summary: String,
     /// One JSON object a line, as `--defects` writes.
     pub defects: String,
@@ -40,7 +40,7 @@ pub fn decode_table(
         let first = text.split("\n\n").next().unwrap_or_default();
         CommandError::input(first.trim_start_matches("error: ").split_whitespace().collect::<Vec<_>>().join(" "))
     })?;
-    let mut options = arguments.reading.options();
+    let mut options = arguments.reading.options()?;
     let deadline = arguments.reading.duration.map(|duration_s| Instant::now() + Duration::from_secs_f64(duration_s));
     let stop = Stop { flag: None, deadline };
     match arguments.device.as_deref().filter(|name| *name != DEFAULT_DEVICE) {
@@ -113,7 +113,7 @@ impl<C: Columns, I: FnMut() -> bool> Batches<C, I> {
     #[cold]
     fn end_batch(&mut self) {
         if !self.columns.is_empty() {
-            self.batches.push(self.columns.take());
+            self.batches.push(self.columns.take_batch());
         }
         self.is_closed |= (self.is_interrupted)();
     }

@@ -39,9 +39,9 @@ impl Samples<'_> {
     ///
     /// # Errors
     /// It cannot be read, or contains no sample.
-    pub fn read(&mut self, link: &str, device: &Device) -> Result<(), CommandError> {
+    pub fn read(&mut self, link: &str, options: DecoderOptions) -> Result<(), CommandError> {
         link.clone_into(&mut self.link);
-        let (first, options) = (self.groups.len(), DecoderOptions::default());
+        let (first, device) = (self.groups.len(), self.device);
         let mut reader = InputReader::with(DeviceDecoder::new(device, &options), options, Stop::default());
         reader.read(link, self).map_err(CommandError::input)?;
         reader.finish(self).1.map_err(CommandError::input)?;
