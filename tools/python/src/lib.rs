@@ -7,7 +7,7 @@ use std::ffi::OsString;
 
 use arrow_array::cast::AsArray;
 use arrow_array::ffi_stream::FFI_ArrowArrayStream;
-use arrow_array::types::{Float64Type, Int16Type, Int32Type, Int64Type, TimestampMicrosecondType};
+use arrow_array::types::{Float64Type, Int8Type, Int16Type, Int32Type, Int64Type, TimestampMicrosecondType};
 use arrow_array::{Array, ArrayRef, RecordBatch, RecordBatchIterator};
 use arrow_schema::ffi::FFI_ArrowSchema;
 use arrow_schema::{DataType, SchemaRef};
@@ -113,6 +113,7 @@ fn value<'py>(py: Python<'py>, column: &ArrayRef, row: usize) -> PyResult<Bound<
     match column.data_type() {
         DataType::Boolean => column.as_boolean().value(row).into_bound_py_any(py),
         DataType::Float64 => column.as_primitive::<Float64Type>().value(row).into_bound_py_any(py),
+        DataType::Int8 => column.as_primitive::<Int8Type>().value(row).into_bound_py_any(py),
         DataType::Int16 => column.as_primitive::<Int16Type>().value(row).into_bound_py_any(py),
         DataType::Int32 => column.as_primitive::<Int32Type>().value(row).into_bound_py_any(py),
         DataType::Int64 => column.as_primitive::<Int64Type>().value(row).into_bound_py_any(py),
