@@ -60,7 +60,7 @@ impl Foreign {
     pub const PARQUET: Foreign = foreign(
         b"PAR1",
         "a Parquet table",
-        "give it as a file that is not compressed, where a reference or `--device DESCRIPTION` with a table is read",
+        "give it as a file that is not compressed, where a reference or `--device DESCRIPTION` with a table is read; an archive of `geu decode` is read if the file is whole",
     );
 
     pub(super) fn from_head(head: &[u8]) -> Option<&'static Foreign> {

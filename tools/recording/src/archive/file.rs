@@ -61,10 +61,8 @@ impl Archive {
             return Ok(None);
         }
         claim(&path.display().to_string(), &file)?;
-        let file = guarded(|| Ok(SerializedFileReader::new(file)?));
-        let file = file.map_err(|error| {
-            invalid(format!("expected a whole Parquet file, got: {error}; decode the recording again"))
-        })?;
+        // A damaged file has no name of a unit.
+        let Ok(file) = guarded(|| Ok(SerializedFileReader::new(file)?)) else { return Ok(None) };
         let schema = file.metadata().file_metadata();
         let value = |key: &str| {
             let found = schema.key_value_metadata().and_then(|own| own.iter().find(|own| own.key == key));

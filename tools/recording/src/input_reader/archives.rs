@@ -23,7 +23,8 @@ impl<D: Decode> InputReader<'_, D> {
             let failed = |message: String| InputError::Archive { name: path.clone(), message };
             let archive = Archive::open(&file, &unit, self.options.range).map_err(|error| failed(error.to_string()))?;
             let Some(mut archive) = archive else {
-                let message = "expected a file of `geu decode --format parquet`, got another one; move it elsewhere";
+                let message =
+                    "expected a file of `geu decode --format parquet`, got another or damaged one; move it elsewhere";
                 return if is_file { Ok(false) } else { Err(failed(message.to_owned())) };
             };
             sink.opened();
