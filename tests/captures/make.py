@@ -42,10 +42,10 @@ with open("encoded-socketcan.pcap", "wb") as out:
         packet = struct.pack(">IBxxx", identifier, len(data)) + data
         out.write(struct.pack(">IIII", t_us // 10**6, t_us % 10**6 * 1000, len(packet), len(packet)) + packet)
 
-writer = can.ASCWriter("encoded-python-can.asc")
-for t_us, _, identifier, data in frames:
-    writer(can.Message(timestamp=t_us / 1e6, arbitration_id=identifier, is_extended_id=False, data=data, channel=0))
-writer.stop()
+for suffix in ("asc", "trc", "csv", "blf"):
+    with can.Logger(f"encoded-python-can.{suffix}") as writer:
+        for t_us, _, identifier, data in frames:
+            writer(can.Message(timestamp=t_us / 1e6, arbitration_id=identifier, is_extended_id=False, data=data, channel=0))
 
 # The first twelve half seconds among everything that is known to occur.
 lines = open("encoded.log").read().splitlines()[:36]

@@ -137,6 +137,9 @@ fn every_format_gives_the_same_rows() {
         ("encoded-console.txt", 1_795_020_000.0),
         ("encoded-python-can.asc", 1_795_020_000.500_9),
         ("encoded-log2asc.asc", 1_795_020_000.500_9),
+        ("encoded-python-can.trc", 0.0),
+        ("encoded-python-can.csv", 0.0),
+        ("encoded-python-can.blf", 0.0),
     ] {
         let path = capture(name);
         let rows = rows(&[path.to_str().unwrap(), "--strict"]);
@@ -321,7 +324,9 @@ fn a_cut_container_gives_the_rows_so_far_and_exit_2() {
         pcap.extend_from_slice(frame.data());
     }
     // Without the last packet's last five bytes, and without most of the header.
-    for (kept, lines, words) in [(pcap.len() - 5, 3, "offset 184: pcap is cut"), (10, 1, "offset 0: pcap is cut")] {
+    for (kept, lines, words) in
+        [(pcap.len() - 5, 3, "offset 184: pcap is damaged or cut"), (10, 1, "offset 0: pcap is damaged or cut")]
+    {
         let path = write(directory.path(), "cut.pcap", &pcap[..kept]);
         let defects = directory.path().join("defects.jsonl");
         let output = decode(&[&path, "--quiet", "--defects", defects.to_str().unwrap()]);
@@ -334,6 +339,22 @@ fn a_cut_container_gives_the_rows_so_far_and_exit_2() {
     let log = encoded_log();
     let cut = write(directory.path(), "cut.log", &log.as_bytes()[..log.len() - 5]);
     assert_eq!(rows(&[&cut]).len(), encoded_rows().len());
+
+    // The only container of a BLF begins at 144; the start of a second one behind it claims 4 GB.
+    let blf = fs::read(capture("encoded-python-can.blf")).unwrap();
+    let claim = [&b"LOBJ\x10\0\x01\0\xFF\xFF\xFF\xFF\x0A\0\0\0\x02\0"[..], &[0xFF; 40]].concat();
+    let place = format!("offset {}: blf is damaged or cut", blf.len());
+    for (bytes, count, words) in [
+        (blf[..blf.len() / 2].to_vec(), None, "offset 144: blf is damaged or cut"),
+        ([&blf[..], &claim].concat(), Some(encoded_rows().len()), &place),
+    ] {
+        let path = write(directory.path(), "cut.blf", &bytes);
+        let output = decode(&[&path, "--quiet"]);
+        let (rows, errors) = (text(&output.stdout), text(&output.stderr));
+        assert!(output.status.code() == Some(2) && errors.contains(words) && errors.lines().count() == 1, "{errors}");
+        let rows = rows.lines().count() - 1;
+        assert!(count.map_or(0 < rows && rows < encoded_rows().len(), |count| rows == count), "{rows} rows");
+    }
 }
 
 #[test]

@@ -11,8 +11,6 @@ pub struct Foreign {
     conversion: &'static str,
 }
 
-/// python-can's converter selects formats by the endings of file names.
-const LOGCONVERT: &str = "convert it with python-can: `can_logconvert INPUT OUTPUT.log`";
 const UNPACK: &str = "unpack it; compressed by gzip or zstd it is read as it is";
 const TABLE: &str = "export it as CSV: `geu decode --device DESCRIPTION` reads tables of samples (docs/devices.md)";
 
@@ -21,8 +19,6 @@ const fn foreign(signature: &'static [u8], name: &'static str, conversion: &'sta
 }
 
 pub const FOREIGN: &[Foreign] = &[
-    foreign(b"LOGG", "a Vector BLF capture", LOGCONVERT),
-    foreign(b";$FILEVERSION=", "a PEAK TRC trace", LOGCONVERT),
     foreign(
         b"MDF     ",
         "an ASAM MDF measurement",
@@ -36,9 +32,8 @@ pub const FOREIGN: &[Foreign] = &[
     foreign(
         b"SQLite format 3\0",
         "an SQLite database",
-        "python-can's is converted: `can_logconvert INPUT.db OUTPUT.log`",
+        "convert a log of python-can with `can_logconvert INPUT.db OUTPUT.log`",
     ),
-    foreign(b"timestamp,arbitration_id,", "python-can's CSV", LOGCONVERT),
     Foreign::PARQUET,
     foreign(
         b"ARROW1",

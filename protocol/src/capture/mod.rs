@@ -41,7 +41,7 @@ macro_rules! formats {
 }
 
 // Each module has its formats in `FORMATS`. If two formats read equally many lines of a text, detection takes the first.
-formats!(candump, console, asc, pcap, pcapng, serial, table);
+formats!(candump, console, asc, trc, python_csv, blf, pcap, pcapng, serial, table);
 
 /// A format of captures.
 #[derive(Debug)]
@@ -152,7 +152,7 @@ pub enum CaptureRecord<'a> {
     Broken {
         /// First bytes, at most [`MAX_EXCERPT`].
         bytes: &'a [u8],
-        /// True if the capture ends inside it.
+        /// True if the capture ends inside it, or compressed data of a binary capture is damaged.
         cut: bool,
     },
 }
@@ -172,5 +172,6 @@ pub const MAX_RECORD: usize = 1 << 16;
 pub enum RecordPosition {
     /// Line of a text, from 1.
     Line(u64),
+    /// Offset of the record, or of its container.
     Offset(u64),
 }

@@ -1,5 +1,7 @@
 //! All formats: captures of real tools, any bytes, chunks of any size.
 
+mod python_can;
+
 use proptest::prelude::*;
 
 use super::*;
@@ -316,6 +318,11 @@ fn debris() -> impl Strategy<Value = Vec<u8>> {
         Just("   0.500932 1  1A0             Rx   d 8 FF FE 00 01 00 05 00 05\n"),
         Just(" 1.0 CANFD   1 Rx 1A0 1 0 8  2 11 22 1 1 3000\n"),
         Just("base dec timestamps relative\n"),
+        Just(";$FILEVERSION=1.1\n;$STARTTIME=46344.69445023148\n"),
+        Just("     1)      1059.9  Rx         01A0  8  FF FE 00 01 00 05 00 05\r\n"),
+        Just(";$COLUMNS=N,O,T,B,I,d,R,L,D\n"),
+        Just("1 0.932 DT 1 01A0 Rx - 1 FF\n"),
+        Just("1795020000.500932,0x1a0,0,0,0,8,//4AAQAFAAU=\n"),
         Just("(99999999999999999999.0"),
         Just("(-9223372036.854775808) a 1#"),
         Just("\n"),

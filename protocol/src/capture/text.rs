@@ -153,6 +153,11 @@ pub fn number(text: &[u8], base: u32) -> Option<u32> {
 
 /// `seconds[.fraction]`; decimals beyond the nanosecond are dropped.
 pub fn seconds(text: &[u8]) -> Option<Timestamp> {
+    decimal(text, 1_000_000_000)
+}
+
+/// A time in a unit of this number of nanoseconds, a power of ten; decimals beyond the nanosecond are dropped.
+pub fn decimal(text: &[u8], unit_ns: i64) -> Option<Timestamp> {
     let (sign, text) = text.strip_prefix(b"-").map_or((1, text), |rest| (-1, rest));
     let point = memchr::memchr(b'.', text).unwrap_or(text.len());
     let (whole, fraction) = (&text[..point], text.get(point + 1..).unwrap_or_default());
@@ -162,8 +167,8 @@ pub fn seconds(text: &[u8]) -> Option<Timestamp> {
     let mut t_ns = whole.iter().try_fold(0i64, |sum, digit| {
         if digit.is_ascii_digit() { sum.checked_mul(10)?.checked_add(i64::from(digit - b'0')) } else { None }
     })?;
-    t_ns = t_ns.checked_mul(1_000_000_000)?;
-    let mut weight = 100_000_000;
+    t_ns = t_ns.checked_mul(unit_ns)?;
+    let mut weight = unit_ns / 10;
     for digit in fraction {
         if !digit.is_ascii_digit() {
             return None;
@@ -171,7 +176,8 @@ pub fn seconds(text: &[u8]) -> Option<Timestamp> {
         t_ns = t_ns.checked_add(i64::from(digit - b'0') * weight)?;
         weight /= 10;
     }
-    Some(Timestamp { t_ns: sign * t_ns, digits: fraction.len().min(9) as u8 })
+    let digits = fraction.len() + 9 - unit_ns.ilog10() as usize;
+    Some(Timestamp { t_ns: sign * t_ns, digits: digits.min(9) as u8 })
 }
 
 pub fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> + Clone {

@@ -49,14 +49,18 @@ pub enum InputError {
         offset: u64,
         source: io::Error,
     },
-    /// A binary capture that ends inside its header, a packet or a block.
-    #[error("{name}: offset {offset}: {container} is cut: expected a whole header, packet or block, got {got} bytes")]
+    /// A binary capture that ends inside its header, a packet or a block, or holds a damaged container.
+    #[error(
+        "{name}: offset {offset}: {container} is damaged or cut: expected a whole header, packet, block or container, got {}; \
+         everything else was decoded",
+        if got.is_empty() { "a part" } else { got }
+    )]
     Cut {
         name: String,
         container: &'static str,
         offset: u64,
-        /// Bytes of it in the file.
-        got: u64,
+        /// First bytes.
+        got: String,
     },
     /// An empty input.
     #[error("{name}: is empty: expected a capture, got {got}")]

@@ -201,11 +201,11 @@ impl<'a, D: Decode> InputReader<'a, D> {
                     Target::Serial { head, length } => {
                         self.serial.get_or_insert_with(|| (name.to_owned(), *length, std::mem::take(head)));
                     }
-                    Target::Capture { format: container, cut: Some(at), .. } if failure.is_none() && !is_stopped => {
-                        let (name, got) = (name.to_owned(), offset.saturating_sub(*at));
-                        failure = Some(InputError::Cut { name, container, offset: *at, got });
+                    Target::Capture(capture) => {
+                        let (name, container) = (name.to_owned(), capture.format);
+                        let cut = capture.cut.take().filter(|_| !is_stopped);
+                        failure = failure.or(cut.map(|(offset, got)| InputError::Cut { name, container, offset, got }));
                     }
-                    Target::Capture { .. } => {}
                 }
                 is_empty
             }
@@ -221,7 +221,7 @@ impl<'a, D: Decode> InputReader<'a, D> {
     fn target(&mut self, format: &'static Format) -> Target {
         self.decoder.describe(format.name);
         match format.reader() {
-            Some(reader) => Target::Capture { reader, frames: 0, format: format.name, cut: None },
+            Some(reader) => Target::Capture(Capture { reader, frames: 0, format: format.name, cut: None }),
             None => Target::Serial { head: Vec::new(), length: 0 },
         }
     }
@@ -279,27 +279,35 @@ impl<'a, D: Decode> InputReader<'a, D> {
 
 /// Destination of the bytes of an input.
 enum Target {
-    Capture {
-        reader: Box<dyn Reader>,
-        frames: u64,
-        format: &'static str,
-        /// Offset of a record inside which the binary capture ends.
-        cut: Option<u64>,
-    },
-    Serial {
-        head: Vec<u8>,
-        length: u64,
-    },
+    Capture(Capture),
+    Serial { head: Vec<u8>, length: u64 },
+}
+
+struct Capture {
+    reader: Box<dyn Reader>,
+    frames: u64,
+    format: &'static str,
+    /// First record of a binary capture that is damaged or cut: its offset and first bytes.
+    cut: Option<(u64, String)>,
+}
+
+impl Capture {
+    fn read<D: Decode>(&mut self, bytes: &[u8], is_last: bool, decoder: &mut D, sink: &mut impl Sink<D::Row>) -> usize {
+        self.reader.read(bytes, is_last, &mut |place, event| {
+            if let (RecordPosition::Offset(at), CaptureRecord::Broken { cut: true, bytes }) = (place, event) {
+                self.cut.get_or_insert_with(|| (at, spaced_hex(&bytes[..bytes.len().min(MAX_EXCERPT)])));
+            }
+            self.frames += u64::from(!matches!(event, CaptureRecord::Remark));
+            sink.record(&event);
+            decoder.event(place, event, sink);
+        })
+    }
 }
 
 impl Target {
     fn consume<D: Decode>(&mut self, bytes: &[u8], decoder: &mut D, sink: &mut impl Sink<D::Row>) -> usize {
         match self {
-            Target::Capture { reader, frames, .. } => reader.read(bytes, false, &mut |place, event| {
-                *frames += u64::from(!matches!(event, CaptureRecord::Remark));
-                sink.record(&event);
-                decoder.event(place, event, sink);
-            }),
+            Target::Capture(capture) => capture.read(bytes, false, decoder, sink),
             Target::Serial { head, length } => {
                 let missing = MAX_EXCERPT.saturating_sub(head.len()).min(bytes.len());
                 head.extend_from_slice(&bytes[..missing]);
@@ -320,18 +328,11 @@ impl Target {
         sink: &mut impl Sink<D::Row>,
     ) -> Option<String> {
         match self {
-            Target::Capture { reader, frames, cut, .. } => {
-                let mut report = |place, event: CaptureRecord| {
-                    if let (RecordPosition::Offset(at), CaptureRecord::Broken { cut: true, .. }) = (place, event) {
-                        *cut = Some(at);
-                    }
-                    *frames += u64::from(!matches!(event, CaptureRecord::Remark));
-                    sink.record(&event);
-                    decoder.event(place, event, sink);
-                };
-                reader.read(bytes, !is_stopped, &mut report);
-                decoder.count_records(reader.records());
-                (*frames == 0).then(|| format!("{} records, none of them a CAN frame", reader.records()))
+            Target::Capture(capture) => {
+                capture.read(bytes, !is_stopped, decoder, sink);
+                let records = capture.reader.records();
+                decoder.count_records(records);
+                (capture.frames == 0).then(|| format!("{records} records, none of them a CAN frame"))
             }
             Target::Serial { length, .. } => {
                 if !bytes.is_empty() {
