@@ -48,10 +48,10 @@ def commanded(t_s):
 class Controller(sysModel.SysModel):
     """Adds up the measured increments and commands a torque."""
 
-    def __init__(self, gyros):
+    def __init__(self):
         super().__init__()
         self.ModelTag = "controller"
-        self.gyros, self.read = gyros, 0
+        self.read_s = 0.0
         self.imuInMsg = messaging.IMUSensorMsgReader()
         self.torqueOutMsg = messaging.CmdTorqueBodyMsg()
         self.attitude, self.rate = turn(0, 0.0), numpy.zeros(3)
@@ -60,8 +60,8 @@ class Controller(sysModel.SysModel):
         self.torqueOutMsg.write(messaging.CmdTorqueBodyMsgPayload(), nanoseconds, self.moduleID)
 
     def UpdateState(self, nanoseconds):
-        if len(self.gyros.samples) > self.read:
-            self.read = len(self.gyros.samples)
+        if self.imuInMsg.timeWritten() > self.read_s and self.imuInMsg.isWritten():
+            self.read_s = self.imuInMsg.timeWritten()
             angle = numpy.array(self.imuInMsg().DRFramePlatform)
             size = numpy.linalg.norm(angle)
             step = numpy.array([math.cos(size / 2), *(math.sin(size / 2) * angle / (size or 1.0))])
@@ -89,7 +89,7 @@ def simulate(duration_s, drift_arcsec_per_h=0.0, record=None, seed=1):
     gyros = GyroUnit(UNIT, set=faults, seed=seed, record=record)
     try:
         gyros.scStateInMsg.subscribeTo(body.scStateOutMsg)
-        controller = Controller(gyros)
+        controller = Controller()
         controller.imuInMsg.subscribeTo(gyros.imuOutMsg)
         actuator.cmdTorqueInMsg.subscribeTo(controller.torqueOutMsg)
         for model in (body, actuator, gyros, controller):

@@ -19,6 +19,8 @@ pub(super) const FORMATS: &[Format] = &[Format {
 /// Columns of the versions that do not list theirs, by the letters of `$COLUMNS`.
 const COLUMNS: [(&[u8], &[u8]); 4] =
     [(b"1.0", b"NOILD"), (b"1.1", b"NOTILD"), (b"1.2", b"NOBTILD"), (b"1.3", b"NOBTIRLD")];
+/// The format has ten columns.
+const MAX_COLUMNS: usize = 16;
 const DAYS_TO_1970: f64 = 25_569.0;
 
 #[derive(Debug)]
@@ -57,8 +59,11 @@ impl Trc {
             let start_us = ((days - DAYS_TO_1970) * 86_400e6).round();
             self.start_ns = if start_us.abs() < 9e15 { start_us as i64 * 1_000 } else { return None };
         } else if let Some(columns) = line.strip_prefix(b"$COLUMNS=") {
-            self.columns =
-                columns.split(|&byte| byte == b',').map(|name| if let [letter] = name { *letter } else { 0 }).collect();
+            self.columns = columns
+                .split(|&byte| byte == b',')
+                .take(MAX_COLUMNS)
+                .map(|name| if let [letter] = name { *letter } else { 0 })
+                .collect();
         }
         Some(())
     }

@@ -1,6 +1,5 @@
 //! Parquet and Arrow files of batches, one file or one for each day of a unit.
 
-use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -124,8 +123,10 @@ pub struct Partition {
     format: FileFormat,
     schema: SchemaRef,
     replaces: bool,
-    /// By their days since 1970.
-    files: BTreeMap<i64, BatchFile>,
+    /// Day since 1970 and file of the rows last written.
+    open: Option<(i64, BatchFile)>,
+    /// Files of other days, complete, still beside their final paths.
+    complete: Vec<Output>,
     /// Dropped after the files.
     made: MadeDirectories,
 }
@@ -159,14 +160,16 @@ impl Drop for MadeDirectories {
 }
 
 const MICROSECONDS_A_DAY: i64 = 86_400_000_000;
+/// Files of a call, which stay open until all are complete: a year, and fewer than a process may have.
+const MAX_FILES: usize = 400;
 
 impl Partition {
     /// Files in `directory`, for the unit of the schema.
     pub fn new(directory: &Path, format: FileFormat, schema: &SchemaRef, replaces: bool) -> Partition {
         let device = schema.metadata().get(DEVICE).map_or("", |name| name);
         let directory = directory.join(format!("device={}", escaped(device)));
-        let (files, made) = Default::default();
-        Partition { directory, format, schema: schema.clone(), replaces, files, made }
+        let (open, complete, made) = Default::default();
+        Partition { directory, format, schema: schema.clone(), replaces, open, complete, made }
     }
 
     /// Appends rows to the files of their days; a row without a time is in that of 1970-01-01.
@@ -182,16 +185,31 @@ impl Partition {
             let same = (from..batch.num_rows()).take_while(|row| at(*row).div_euclid(MICROSECONDS_A_DAY) == day);
             let count = same.count();
             let rows = batch.slice(from, count);
-            if !self.files.contains_key(&day) {
-                let file = self.open(day, at(from).rem_euclid(MICROSECONDS_A_DAY))?;
-                self.files.insert(day, file);
+            if self.open.as_ref().is_none_or(|(own, _)| *own != day) {
+                self.close()?;
+                self.open = Some((day, self.open(day, at(from).rem_euclid(MICROSECONDS_A_DAY))?));
             }
-            if let Some(file) = self.files.get_mut(&day) {
+            if let Some((_, file)) = &mut self.open {
                 file.write(&rows)?;
             }
             from += count;
         }
         Ok(())
+    }
+
+    /// Completes the file of the present day.
+    fn close(&mut self) -> io::Result<()> {
+        if let Some((_, file)) = self.open.take() {
+            self.complete.push(file.finish()?);
+        }
+        if self.complete.len() < MAX_FILES {
+            return Ok(());
+        }
+        let text = format!(
+            "{}: expected samples of at most {MAX_FILES} days in one call, in the order of time, got more; decode parts",
+            self.directory.display()
+        );
+        Err(io::Error::new(io::ErrorKind::InvalidInput, text))
     }
 
     fn open(&mut self, day: i64, of_day_us: i64) -> io::Result<BatchFile> {
@@ -202,8 +220,10 @@ impl Partition {
         let name = format!("{hours:02}{minutes:02}{seconds:02}.{fraction:06}.{}", self.format.suffix());
         let path = directory.join(name);
         if !self.replaces && path.exists() {
-            let text =
-                format!("{}: expected no file with this first sample, got one; --force replaces it", path.display());
+            let text = format!(
+                "{}: expected no file with this first sample, got one; it is this recording, or one without receive times: --force replaces the file, --out FILE keeps both",
+                path.display()
+            );
             return Err(io::Error::new(io::ErrorKind::AlreadyExists, text));
         }
         self.made.make(&directory)?;
@@ -216,8 +236,9 @@ impl Partition {
     ///
     /// # Errors
     /// A file cannot be written.
-    pub fn finish(self) -> io::Result<Vec<Output>> {
-        self.files.into_values().map(BatchFile::finish).collect()
+    pub fn finish(mut self) -> io::Result<Vec<Output>> {
+        let last = self.open.take().map(|(_, file)| file.finish()).transpose()?;
+        Ok(std::mem::take(&mut self.complete).into_iter().chain(last).collect())
     }
 }
 

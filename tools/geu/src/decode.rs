@@ -35,7 +35,8 @@ pub struct Arguments {
     #[arg(long, default_value = "integers", action = ArgAction::Set, value_parser = choice(FLAGS))]
     flags: bool,
     /// Output file, instead of standard output. Until the end (for a live input also Ctrl-C) rows are written to
-    /// FILE.….partial; FILE is the previous file or complete. A process that is killed leaves FILE.….partial.
+    /// FILE.….partial; FILE is the previous file or complete. A process that is killed leaves FILE.….partial,
+    /// which is readable in CSV and JSON lines.
     #[arg(long, value_name = "FILE")]
     out: Option<OutputFile>,
     /// Directory of an archive, with --format parquet or arrow: the samples of each day are a file of their own,
@@ -213,7 +214,7 @@ impl Arguments {
             Some(directory) => ColumnPlace::Partition(directory, self.force),
             None => ColumnPlace::File(self.out.as_ref()),
         };
-        ColumnRows { columns, format, place, files: None }
+        ColumnRows { columns, format, place, files: None, has_rows: false }
     }
 
     fn check_strict(&self, defects: u64) -> Result<(), CommandError> {

@@ -55,7 +55,7 @@ def toml(value: Any, quoted: bool = False) -> str:
         return "{ " + ", ".join(f"{key} = {toml(item, True)}" for key, item in value.items()) + " }"
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(toml(item, True) for item in value) + "]"
-    return json.dumps(value) if quoted and isinstance(value, str) else str(value)
+    return json.dumps(value, ensure_ascii=False) if quoted and isinstance(value, str) else str(value)
 
 
 def paths(value: Paths) -> list[str]:
@@ -72,7 +72,7 @@ def run(*arguments: str, accepted: Sequence[int] = (0,)) -> tuple[str, int, str]
     GeuError
         Another exit code than these.
     """
-    done = subprocess.run([*COMMAND, *arguments], capture_output=True, text=True, errors="replace", env=environment(),
+    done = subprocess.run([*COMMAND, *arguments], capture_output=True, text=True, encoding="utf-8", errors="replace", env=environment(),
                           stdin=subprocess.DEVNULL)
     if done.returncode not in accepted:
         raise error(message(done.stderr), done.returncode)
@@ -128,7 +128,7 @@ def configuration_file(configuration: StrPath | Configuration | None) -> Iterato
         return
     with scratch() as directory:
         path = directory / "configuration.toml"
-        path.write_text(configuration.text)
+        path.write_text(configuration.text, encoding="utf-8")
         try:
             yield str(path)
         except GeuError as failure:

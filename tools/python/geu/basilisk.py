@@ -26,10 +26,8 @@ from .errors import GeuError
 _WAIT_S = 30
 _INTERVAL_S = 0.5
 _RAD_PER_COUNT = math.pi / 180 / 3600
-# The clock of the unit is within 1000 ppm of the nominal one.
-_CLOCK_TOLERANCE_S = 1e-3 * _INTERVAL_S
-# Times of samples are reported in decimals.
-_TIME_TOLERANCE_S = 1e-7
+# The clock of the unit is within 1000 ppm of the nominal one; times of samples are reported in decimals.
+_LONGEST_INTERVAL_S = _INTERVAL_S * 1.001 + 1e-6
 _HEADS = ("gyrx", "gyry", "gyrza", "gyrzb")
 _AXES = numpy.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1]], dtype=float)
 
@@ -50,7 +48,8 @@ class GyroUnit(sysModel.SysModel):  # type: ignore[misc]
     scStateInMsg : SCStatesMsgReader
         State of the spacecraft.
     imuOutMsg : IMUSensorMsg
-        Of the last sample, by nominal scale factors and axes: ``DRFramePlatform`` the angle about each axis during it (rad), ``AngVelPlatform`` the mean rate.
+        Of the samples since the update before, by nominal scale factors and axes: ``DRFramePlatform`` the angle about each axis (rad), ``AngVelPlatform`` the
+        mean rate. It is written only with a new sample.
     samples : list of dict
         Every sample, as ``geu.decode`` names its columns.
     emulator : geu.Emulator
@@ -67,6 +66,15 @@ class GyroUnit(sysModel.SysModel):  # type: ignore[misc]
         self._listener.settimeout(_WAIT_S)
         address = "tcp://127.0.0.1:%d" % self._listener.getsockname()[1]
         self.emulator = Emulator(config, tcp=True, truth=address, speed="max", **given).start()
+        try:
+            self._connect()
+        except BaseException:
+            self.emulator.stop()
+            raise
+        self._end_s = 0.0
+        self._zero_s: float | None = None
+
+    def _connect(self) -> None:
         self._truth, _ = self._listener.accept()
         self._truth.settimeout(_WAIT_S)
         # Lines are short, and each is waited for.
@@ -76,8 +84,6 @@ class GyroUnit(sysModel.SysModel):  # type: ignore[misc]
         self._link = socket.create_connection((host, int(port)), timeout=_WAIT_S)
         self._decoder = _geu.Decoder()
         self._truth.sendall(b'{"subscribe": "samples"}\n')
-        self._end_s, self._interval_s, self._tolerance_s = 0.0, _INTERVAL_S, _CLOCK_TOLERANCE_S
-        self._zero_s: float | None = None
 
     def Reset(self, nanoseconds: int) -> None:
         """Begins with an empty message."""
@@ -92,46 +98,49 @@ class GyroUnit(sysModel.SysModel):  # type: ignore[misc]
         self._truth.sendall(json.dumps({"t_s": t_s, "q": q}).encode() + b"\n")
         # The first truth sample is time zero of the unit.
         self._zero_s = t_s if self._zero_s is None else self._zero_s
-        while self._zero_s + self._end_s + self._interval_s + self._tolerance_s < t_s:
+        received = len(self.samples)
+        while self._zero_s + self._end_s + _LONGEST_INTERVAL_S < t_s:
             self._receive()
-            self._write(nanoseconds)
+        self._write(self.samples[received:], nanoseconds)
 
     def _receive(self) -> None:
         """Receives one sample, after the report of its bytes."""
         try:
             line = self._reports.readline()
-        except TimeoutError:
+        except OSError:
             line = ""
         if not line:
             raise GeuError(f"the unit reported no sample within {_WAIT_S} s: {self.emulator.log.strip()[-300:]}")
         report = json.loads(line)
-        end_s = report["t_s"] - (self._zero_s or 0.0)
-        self._interval_s, self._end_s = end_s - self._end_s, end_s
-        # The clock error is known from now on, but for what temperature changes of it in one sample.
-        self._tolerance_s = _TIME_TOLERANCE_S + 1e-6
-        left = sum(link["bytes"] for link in report["sent"].values())
+        self._end_s = report["t_s"] - (self._zero_s or 0.0)
+        left = report["sent"][f"tcp {self.emulator.link}"]["bytes"]
         while left > 0:
-            data = self._link.recv(left)
+            try:
+                data = self._link.recv(left)
+            except OSError:
+                data = b""
             if not data:
                 raise GeuError("the unit closed its link")
             left -= len(data)
             self.samples += self._decoder.feed(data)
 
-    def _write(self, nanoseconds: int) -> None:
-        if not self.samples:
+    def _write(self, samples: list[dict[str, Any]], nanoseconds: int) -> None:
+        """Writes the sum of new samples; without one the message stays as it is."""
+        if not samples:
             return
-        sample = self.samples[-1]
-        valid = numpy.array([sample[f"{head}_valid"] for head in _HEADS], dtype=float)
-        counts = numpy.array([sample[head] for head in _HEADS], dtype=float)
-        # Least squares over the valid gyros; an axis without one keeps 0.
-        angles = numpy.linalg.pinv(_AXES * valid[:, None]) @ (counts * valid) * _RAD_PER_COUNT
+        angles = numpy.zeros(3)
+        for sample in samples:
+            valid = numpy.array([sample[f"{head}_valid"] for head in _HEADS], dtype=float)
+            counts = numpy.array([sample[head] for head in _HEADS], dtype=float)
+            # Least squares over the valid gyros; an axis without one keeps 0.
+            angles += numpy.linalg.pinv(_AXES * valid[:, None]) @ (counts * valid) * _RAD_PER_COUNT
         payload = messaging.IMUSensorMsgPayload()
         payload.DRFramePlatform = angles.tolist()
-        payload.AngVelPlatform = (angles / _INTERVAL_S).tolist()
+        payload.AngVelPlatform = (angles / (_INTERVAL_S * len(samples))).tolist()
         self.imuOutMsg.write(payload, nanoseconds, self.moduleID)
 
     def stop(self) -> None:
         """Ends the unit; its recording is complete."""
+        self.emulator.stop()
         for end in (self._reports, self._truth, self._link, self._listener):
             end.close()
-        self.emulator.stop()

@@ -34,7 +34,7 @@ class Configuration:
             self.text = source
         else:
             try:
-                self.text = Path(source).read_text()
+                self.text = Path(source).read_text(encoding="utf-8")
             except (OSError, UnicodeError) as failure:
                 raise InputError(f"{source}: cannot be read: {failure}; expected a configuration, TOML", 2) from None
         self._shown()

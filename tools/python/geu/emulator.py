@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import http.client
 import json
 import os
 import queue
@@ -25,7 +26,7 @@ from .errors import GeuError, InputError, error
 
 _READY_S = 20
 _ANSWER_S = 5
-_END_S = 5
+_END_S = 20
 
 
 class Emulator:
@@ -75,7 +76,7 @@ class Emulator:
                  truth: str | None = None, faults: Paths | None = None, set: dict[str, Any] | None = None,
                  record: StrPath | None = None, junit: StrPath | None = None, wire: str | None = None, wait: bool = False,
                  **more: Any) -> None:
-        self._config = config
+        self._config, self.device = config, device
         self.recording = None if record is None else Path(record)
         self.junit = None if junit is None else Path(junit)
         self._process: subprocess.Popen[str] | None = None
@@ -111,14 +112,13 @@ class Emulator:
         config = self._config
         if config is not None and not isinstance(config, (str, os.PathLike)):
             path = Path(self._scratch.name) / "configuration.toml"
-            path.write_text(config.text)
+            path.write_text(config.text, encoding="utf-8")
             config = path
         arguments = _run.options(pty=pty, control="127.0.0.1:0", **self._given)
         arguments += [os.fspath(config)] if config is not None else []
-        # A session of its own: Ctrl-C ends the program, which then ends the unit.
-        self._process = subprocess.Popen([*_run.COMMAND, "run", *arguments], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                                         stderr=subprocess.PIPE, text=True, errors="replace", env=_run.environment(),
-                                         start_new_session=True)
+        # A session of its own: Ctrl-C ends the program, which then ends the unit. It ends too when this process does, and with it the pipe.
+        self._process = subprocess.Popen([*_run.COMMAND, "run", *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                                         stderr=subprocess.PIPE, text=True, errors="replace", env={**_run.environment(), "GEU_ENDS_WITH_INPUT": "1"}, start_new_session=True)
         atexit.register(self.stop)
         self._readers = [threading.Thread(target=read, args=(self._process,), daemon=True) for read in (self._read_lines, self._read_errors)]
         for reader in self._readers:
@@ -184,9 +184,10 @@ class Emulator:
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 self._process.wait()
+                self._errors.append(f"geu: killed: the unit did not end within {_END_S} s; its recording may be cut\n")
         for reader in self._readers:
             reader.join(_END_S)
-        for stream in (self._process.stdout, self._process.stderr) if self._process is not None else ():
+        for stream in (self._process.stdin, self._process.stdout, self._process.stderr) if self._process is not None else ():
             if stream is not None:
                 stream.close()
         if self._scratch is not None:
@@ -218,7 +219,7 @@ class Emulator:
         except urllib.error.HTTPError as refused:
             with refused:
                 raise InputError(json.load(refused)["error"], 2) from None
-        except OSError as failure:
+        except (OSError, http.client.HTTPException, ValueError) as failure:
             raise GeuError(f"{self.control}: {failure}; expected a running unit") from None
 
     def status(self) -> dict[str, Any]:
@@ -255,7 +256,10 @@ class Emulator:
     def inject_plan(self, plan: StrPath) -> list[str]:
         """Injects all faults of a plan (TOML text or the path of a file), or none; returns their identifiers."""
         is_path = isinstance(plan, os.PathLike) or "\n" not in plan
-        text = Path(plan).read_text() if is_path else plan
+        try:
+            text = Path(plan).read_text(encoding="utf-8") if is_path else os.fspath(plan)
+        except (OSError, UnicodeError) as failure:
+            raise InputError(f"{plan}: cannot be read: {failure}; expected a plan, TOML", 2) from None
         added = self._ask("POST", "/api/faults", {"plan": text, "name": os.fspath(plan) if is_path else "plan"})
         return [fault["id"] for fault in added]
 
@@ -276,7 +280,11 @@ class Emulator:
         timeout : float, optional
             Ends after this many seconds without an event, and keep-alive signs; without it when the unit ends.
         """
-        with _opener.open(self.control + "/api/events", timeout=timeout) as stream:
+        try:
+            opened = _opener.open(self.control + "/api/events", timeout=timeout)
+        except OSError as failure:
+            raise GeuError(f"{self.control}: {failure}; expected a running unit") from None
+        with opened as stream:
             name = ""
             try:
                 for line in stream:
@@ -285,7 +293,7 @@ class Emulator:
                         name = value.strip()
                     elif key == "data":
                         yield name, json.loads(value)
-            except OSError:
+            except (OSError, http.client.HTTPException):
                 return
 
     def __repr__(self) -> str:

@@ -13,6 +13,7 @@ an expectation of its plan is not met.
 
 from __future__ import annotations
 
+import itertools
 import json
 import xml.etree.ElementTree
 from collections.abc import Generator
@@ -73,11 +74,16 @@ def geu_link(geu: Emulator) -> str:
 
 def _directory(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     kept = request.config.getoption("--geu-recordings")
-    name = "".join(letter if letter.isalnum() else "_" for letter in request.node.name)[:60]
+    name = "".join(letter if letter.isalnum() else "_" for letter in request.node.nodeid)[-100:]
     if kept is None:
         return tmp_path_factory.mktemp(name)
-    directory = Path(kept) / name
-    directory.mkdir(parents=True, exist_ok=True)
+    for number in itertools.count(1):
+        directory = Path(kept) / (name if number == 1 else f"{name}-{number}")
+        try:
+            directory.mkdir(parents=True)
+            break
+        except FileExistsError:
+            continue
     return directory
 
 
@@ -105,7 +111,7 @@ def _section(unit: Emulator) -> str:
         lines += ["log:", *("  " + line for line in unit.log.strip().splitlines()[-20:])]
     try:
         from .simulation import Recording
-        summary = Recording(recording or "").samples.summary.strip().splitlines()
+        summary = Recording(recording or "", unit.device).samples.summary.strip().splitlines()
         lines += ["link decoded:", *("  " + line for line in summary if line.split()[1:] != ["0"])]
     except (OSError, GeuError) as failure:
         lines.append(f"link decoded: {failure}")
@@ -114,7 +120,10 @@ def _section(unit: Emulator) -> str:
 
 def _event(line: str) -> str:
     """What happened; empty for the bytes of each frame."""
-    event = json.loads(line)
+    try:
+        event = json.loads(line)
+    except ValueError:
+        return line
     plain = {key: value for key, value in event.items() if not isinstance(value, (dict, list))}
     return "" if event.get("what") == "bytes" else " ".join(f"{key}={value}" for key, value in plain.items())
 

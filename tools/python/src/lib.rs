@@ -4,6 +4,10 @@
 //! behind in Python.
 
 use std::ffi::OsString;
+use std::sync::atomic::AtomicBool;
+use std::sync::atomic::Ordering::Relaxed;
+use std::thread;
+use std::time::Duration;
 
 use arrow_array::cast::AsArray;
 use arrow_array::ffi_stream::FFI_ArrowArrayStream;
@@ -59,9 +63,8 @@ impl Table {
     fn __arrow_c_stream__<'py>(
         &self,
         py: Python<'py>,
-        requested_schema: Option<Bound<'py, PyAny>>,
+        #[expect(unused_variables, reason = "the protocol has it")] requested_schema: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyCapsule>> {
-        let _ = requested_schema;
         let batches: Vec<_> = self.batches.iter().cloned().map(Ok).collect();
         let stream = FFI_ArrowArrayStream::new(Box::new(RecordBatchIterator::new(batches, self.schema.clone())));
         PyCapsule::new(py, stream, Some(c"arrow_array_stream".to_owned()))
@@ -122,14 +125,28 @@ fn value<'py>(py: Python<'py>, column: &ArrayRef, row: usize) -> PyResult<Bound<
     }
 }
 
+/// Longest delay of Ctrl-C.
+const SIGNAL_INTERVAL: Duration = Duration::from_millis(50);
+
 /// Decodes inputs with the arguments of `geu decode`.
 #[pyfunction]
 fn decode(py: Python<'_>, arguments: Vec<OsString>) -> PyResult<Table> {
-    let mut signal = None;
+    let (mut signal, stop, caller) = (None, AtomicBool::new(false), thread::current());
     let decoded = py.detach(|| {
-        geu::decode_table(arguments, || {
-            signal = Python::attach(|py| py.check_signals()).err();
-            signal.is_some()
+        thread::scope(|scope| {
+            let work = scope.spawn(|| {
+                let decoded = geu::decode_table(arguments, &stop);
+                caller.unpark();
+                decoded
+            });
+            while !work.is_finished() {
+                thread::park_timeout(SIGNAL_INTERVAL);
+                if signal.is_none() {
+                    signal = Python::attach(|py| py.check_signals()).err();
+                    stop.store(signal.is_some(), Relaxed);
+                }
+            }
+            work.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
         })
     });
     if let Some(signal) = signal {

@@ -88,6 +88,7 @@ pub struct ColumnRows<'a, C> {
     pub format: FileFormat,
     pub place: ColumnPlace<'a>,
     pub files: Option<ColumnFiles>,
+    pub has_rows: bool,
 }
 
 pub enum ColumnFiles {
@@ -112,6 +113,7 @@ impl<C: Columns> ColumnRows<'_, C> {
 
     #[cold]
     fn write_batch(&mut self) -> Result<(), CommandError> {
+        self.has_rows = true;
         let batch = self.columns.take_batch();
         let written = match &mut self.files {
             Some(ColumnFiles::File(file)) => file.write(&batch),
@@ -147,8 +149,9 @@ impl<C: Columns> RowOutput<C::Row> for ColumnRows<'_, C> {
         if self.columns.len() >= BATCH_ROWS { self.write_batch() } else { Ok(()) }
     }
 
+    /// The first rows of a live input open the files, so that a failure is known at once.
     fn flush(&mut self) -> Result<(), CommandError> {
-        Ok(())
+        if self.has_rows || self.columns.is_empty() { Ok(()) } else { self.write_batch() }
     }
 
     fn finish(mut self) -> Result<Vec<Output>, CommandError> {

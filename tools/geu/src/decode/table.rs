@@ -1,6 +1,8 @@
 //! `geu decode` in memory: Arrow batches, for programs.
 
 use std::ffi::OsString;
+use std::sync::atomic::AtomicBool;
+use std::sync::atomic::Ordering::Relaxed;
 use std::time::{Duration, Instant};
 
 use clap::{Args, FromArgMatches};
@@ -24,14 +26,14 @@ pub struct DecodedTable {
     pub broken: Option<String>,
 }
 
-/// Decodes inputs with the arguments of `geu decode`; options of outputs have no effect. `is_interrupted` is asked while it waits and after
-/// each batch.
+/// Decodes inputs with the arguments of `geu decode`; options of outputs have no effect. `stop`, set by another thread,
+/// interrupts it.
 ///
 /// # Errors
 /// Arguments that are not valid, an input that cannot be read; `None` if interrupted.
 pub fn decode_table(
     arguments: impl IntoIterator<Item = OsString>,
-    is_interrupted: impl FnMut() -> bool,
+    stop: &AtomicBool,
 ) -> Result<Option<DecodedTable>, CommandError> {
     let command = Arguments::augment_args(clap::Command::new("decode").no_binary_name(true).disable_help_flag(true));
     let arguments = command.try_get_matches_from(arguments).and_then(|matches| Arguments::from_arg_matches(&matches));
@@ -42,50 +44,45 @@ pub fn decode_table(
     })?;
     let mut options = arguments.reading.options()?;
     let deadline = arguments.reading.duration.map(|duration_s| Instant::now() + Duration::from_secs_f64(duration_s));
-    let stop = Stop { flag: None, deadline };
+    let until = Stop { flag: Some(stop), deadline };
     match arguments.device.as_deref().filter(|name| *name != DEFAULT_DEVICE) {
         None => {
-            let reader = InputReader::with(Decoder::new(&options), options, stop);
-            table(&arguments, reader, UnitColumns::default(), is_interrupted)
+            let reader = InputReader::with(Decoder::new(&options), options, until);
+            table(&arguments, reader, UnitColumns::default(), stop)
         }
         Some(name) => {
             let device = device(name)?;
             options.baud = options.baud.or(device.serial.as_ref().map(|serial| serial.baud));
-            let reader = InputReader::with(DeviceDecoder::new(&device, &options), options, stop);
-            table(&arguments, reader, DeviceColumns::new(&device), is_interrupted)
+            let reader = InputReader::with(DeviceDecoder::new(&device, &options), options, until);
+            table(&arguments, reader, DeviceColumns::new(&device), stop)
         }
     }
 }
 
 fn table<D: Decode, C: Columns<Row = D::Row>>(
     arguments: &Arguments,
-    mut reader: InputReader<D>,
+    mut reader: InputReader<'_, D>,
     columns: C,
-    is_interrupted: impl FnMut() -> bool,
+    stop: &AtomicBool,
 ) -> Result<Option<DecodedTable>, CommandError> {
-    let mut batches = Batches {
-        columns,
-        batches: Vec::new(),
-        lines: DefectLines::default(),
-        defects: Vec::new(),
-        is_interrupted,
-        is_closed: false,
-    };
+    let mut batches =
+        Batches { columns, batches: Vec::new(), lines: DefectLines::default(), defects: Vec::new(), stop };
     let mut result = Ok(());
     for input in &arguments.inputs {
         result = reader.read(input, &mut batches);
-        if result.is_err() || batches.is_closed || reader.is_stopped() {
+        if result.is_err() || reader.is_stopped() {
             break;
         }
     }
     let (summary, ending) = reader.finish(&mut batches);
-    if batches.is_closed {
+    if batches.is_closed() {
         return Ok(None);
     }
     let result = result.and(ending);
-    if !gives_rows(&result) {
-        result?;
-        return Ok(None);
+    if let Err(error) = &result
+        && !gives_rows(&result)
+    {
+        return Err(CommandError::input(error));
     }
     batches.end_batch();
     batches.lines.end(&mut batches.defects);
@@ -100,26 +97,24 @@ fn table<D: Decode, C: Columns<Row = D::Row>>(
 }
 
 /// Collects batches and defects.
-struct Batches<C, I> {
+struct Batches<'a, C> {
     columns: C,
     batches: Vec<RecordBatch>,
     lines: DefectLines,
     defects: Vec<u8>,
-    is_interrupted: I,
-    is_closed: bool,
+    stop: &'a AtomicBool,
 }
 
-impl<C: Columns, I: FnMut() -> bool> Batches<C, I> {
+impl<C: Columns> Batches<'_, C> {
     #[cold]
     fn end_batch(&mut self) {
         if !self.columns.is_empty() {
             self.batches.push(self.columns.take_batch());
         }
-        self.is_closed |= (self.is_interrupted)();
     }
 }
 
-impl<C: Columns, I: FnMut() -> bool> Sink<C::Row> for Batches<C, I> {
+impl<C: Columns> Sink<C::Row> for Batches<'_, C> {
     #[inline]
     fn row(&mut self, row: &C::Row) {
         self.lines.end(&mut self.defects);
@@ -133,11 +128,7 @@ impl<C: Columns, I: FnMut() -> bool> Sink<C::Row> for Batches<C, I> {
         self.lines.push(defect, &mut self.defects);
     }
 
-    fn flush(&mut self) {
-        self.is_closed |= (self.is_interrupted)();
-    }
-
     fn is_closed(&self) -> bool {
-        self.is_closed
+        self.stop.load(Relaxed)
     }
 }
