@@ -189,6 +189,48 @@ def test_any_command_runs():
         geu.command("checkoud")
 
 
+def test_ctrl_c_ends_a_silent_link():
+    master, slave = os.openpty()
+    threading.Timer(1.0, signal.raise_signal, [signal.SIGINT]).start()
+    started = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        geu.decode(os.ttyname(slave))
+    assert time.monotonic() - started < 5
+    os.close(master)
+    os.close(slave)
+
+
+@pytest.mark.parametrize("program", [
+    "unit = geu.Emulator(tcp=True, record=sys.argv[1]).start(); print(0, flush=True); time.sleep(60)",
+    "print(0, flush=True); geu.simulate(duration='300d', out=sys.argv[1])",
+])
+def test_no_process_outlives_python(program, tmp_path):
+    parent = subprocess.Popen([sys.executable, "-c", f"import geu, sys, time; {program}", tmp_path / "out"], stdout=subprocess.PIPE, text=True)
+    parent.stdout.readline()
+    time.sleep(1)
+    marks = {f"--out={tmp_path / 'out'}", f"--record={tmp_path / 'out'}"}
+
+    def running():
+        found = []
+        for entry in Path("/proc").glob("[0-9]*/cmdline"):
+            try:
+                words = entry.read_text(errors="replace").split("\0")
+            except OSError:
+                continue
+            if marks & set(words):
+                found.append(int(entry.parent.name))
+        return found
+
+    before = running()
+    assert before
+    parent.kill()
+    parent.wait()
+    until = time.monotonic() + 10
+    while set(running()) & set(before):
+        assert time.monotonic() < until, "the command runs on"
+        time.sleep(0.1)
+
+
 def test_ctrl_c_ends_a_live_decoding():
     with geu.Emulator(tcp=True) as unit:
         threading.Timer(1.0, signal.raise_signal, [signal.SIGINT]).start()
@@ -279,7 +321,14 @@ def test_expectations_of_a_plan_decide(tmp_path):
     assert "FAILED test_own.py::test_not_met" not in text and "ERROR test_own.py::test_not_met" in text, text
     assert "answers" in text
     assert "ERROR test_own.py::test_wrong_link" in text and "link: expected pty or tcp, got cnn" in text
-    assert "2 passed, 2 errors" in text
+    assert "2 passed, 2 errors" in text and "INTERNALERROR" not in text
+    # Twice into one directory, with tests of one name in two files.
+    (tmp_path / "test_other.py").write_text("def test_same(geu): pass\n")
+    (tmp_path / "test_third.py").write_text("def test_same(geu): pass\n")
+    for _ in range(2):
+        text = pytest_of(tmp_path, "test_other.py", "test_third.py", f"--geu-recordings={tmp_path / 'kept'}")
+        assert "2 passed" in text, text
+    assert len(list((tmp_path / "kept").iterdir())) == 4
 
 
 @pytest.mark.parametrize("bug, found", [

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 StrPath = str | os.PathLike[str]
 Paths = StrPath | Sequence[StrPath]
 
+# Set for a command that ends when its standard input does.
+ENDS_WITH_INPUT = "GEU_ENDS_WITH_INPUT"
 COMMAND = [sys.executable, "-m", "geu"]
 
 
@@ -72,8 +74,14 @@ def run(*arguments: str, accepted: Sequence[int] = (0,)) -> tuple[str, int, str]
     GeuError
         Another exit code than these.
     """
-    done = subprocess.run([*COMMAND, *arguments], capture_output=True, text=True, encoding="utf-8", errors="replace", env=environment(),
-                          stdin=subprocess.DEVNULL)
+    # The command ends when this process does, and with it the pipe.
+    reads, writes = os.pipe()
+    try:
+        done = subprocess.run([*COMMAND, *arguments], capture_output=True, text=True, encoding="utf-8", errors="replace",
+                              env={**environment(), ENDS_WITH_INPUT: "1"}, stdin=reads)
+    finally:
+        os.close(reads)
+        os.close(writes)
     if done.returncode not in accepted:
         raise error(message(done.stderr), done.returncode)
     return done.stdout, done.returncode, done.stderr

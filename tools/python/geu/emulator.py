@@ -92,7 +92,7 @@ class Emulator:
         self.control = ""
 
     def __enter__(self) -> Emulator:
-        return self.start()
+        return self if self.is_running else self.start()
 
     def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
         self.stop()
@@ -118,7 +118,7 @@ class Emulator:
         arguments += [os.fspath(config)] if config is not None else []
         # A session of its own: Ctrl-C ends the program, which then ends the unit. It ends too when this process does, and with it the pipe.
         self._process = subprocess.Popen([*_run.COMMAND, "run", *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                                         stderr=subprocess.PIPE, text=True, errors="replace", env={**_run.environment(), "GEU_ENDS_WITH_INPUT": "1"}, start_new_session=True)
+                                         stderr=subprocess.PIPE, text=True, errors="replace", env={**_run.environment(), _run.ENDS_WITH_INPUT: "1"}, start_new_session=True)
         atexit.register(self.stop)
         self._readers = [threading.Thread(target=read, args=(self._process,), daemon=True) for read in (self._read_lines, self._read_errors)]
         for reader in self._readers:
@@ -163,7 +163,13 @@ class Emulator:
     @property
     def link(self) -> str:
         """str: address of the first link, as ``geu.decode`` takes it."""
+        self._verify_started()
         return self.links[0][1]
+
+    def _verify_started(self) -> None:
+        if not self.control:
+            raise GeuError("the unit was not started: use `with geu.Emulator(...) as unit`, or start()")
+
 
     @property
     def is_running(self) -> bool:
@@ -202,14 +208,15 @@ class Emulator:
         TimeoutError
             It runs on.
         """
-        if self._process is None:
-            raise GeuError("the unit was not started")
+        self._verify_started()
+        assert self._process is not None
         try:
             return self._process.wait(timeout)
         except subprocess.TimeoutExpired:
             raise TimeoutError(f"the unit runs on after {timeout} s") from None
 
     def _ask(self, method: str, path: str, body: dict[str, Any] | None = None) -> Any:
+        self._verify_started()
         data = None if body is None else json.dumps(body).encode()
         headers = {"Content-Type": "application/json"} if data else {}
         request = urllib.request.Request(self.control + path, data, headers, method=method)
@@ -249,6 +256,7 @@ class Emulator:
         str
             Identifier of the fault.
         """
+        self._verify_started()
         given = [f"{key}={_run.toml(value)}" for key, value in keys.items()]
         text, *_ = _run.run("inject", f"--control={self.control}", "--", what, *where, *given)
         return text.split()[0]
@@ -280,6 +288,7 @@ class Emulator:
         timeout : float, optional
             Ends after this many seconds without an event, and keep-alive signs; without it when the unit ends.
         """
+        self._verify_started()
         try:
             opened = _opener.open(self.control + "/api/events", timeout=timeout)
         except OSError as failure:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 
 # As the command states them: `FILE:LINE:COLUMN: field: expected …, got …; hint`. Each part may be absent.
-_PLACE = re.compile(r"^(?P<file>[^\s:]+)(?::(?P<line>\d+))?(?::\d+)?: ")
-_EXPECTED = re.compile(r"expected (?P<expected>.+?)(?:, got (?P<got>[^;\n]+))?(?:;|\n|$)")
+_PLACE = re.compile(r"^(?P<file>[^:\n]+?(?P<suffix>\.[A-Za-z]\w*)?)(?::(?P<line>\d+))?(?::\d+)?: ")
+_OPTION = re.compile(r"for '(?P<file>--[\w-]+)")
+_EXPECTED = re.compile(r"\bexpected (?P<expected>.+?)(?:, got (?P<got>[^;\n]+))?(?:;|\n|$)")
 
 
 class GeuError(Exception):
@@ -30,8 +31,11 @@ class GeuError(Exception):
         super().__init__(message)
         self.message, self.code = message, code
         place, content = _PLACE.match(message), _EXPECTED.search(message)
-        self.file: str | None = place["file"] if place else None
-        self.line: int | None = int(place["line"]) if place and place["line"] else None
+        option = _OPTION.search(message.split("\n")[0])
+        self.file: str | None = option["file"] if option else place["file"] if place else None
+        # Behind an address stands a port.
+        has_line = place is not None and not option and place["suffix"] and place["line"]
+        self.line: int | None = int(place["line"]) if place and has_line else None
         self.expected: str | None = content["expected"].strip() if content else None
         self.got: str | None = content["got"].strip() if content and content["got"] else None
 

@@ -45,11 +45,11 @@ def geu(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     given: dict[str, Any] = {}
     for marker in reversed(list(request.node.iter_markers("geu"))):
         if marker.args:
-            raise pytest.UsageError("marker geu: expected named parameters, such as link='tcp'")
+            pytest.fail("marker geu: expected named parameters, such as link='tcp'", pytrace=False)
         given |= marker.kwargs
     link = given.pop("link", None) or request.config.getoption("--geu-link")
     if link not in LINKS:
-        raise pytest.UsageError(f"marker geu: link: expected {' or '.join(LINKS)}, got {link}")
+        pytest.fail(f"marker geu: link: expected {' or '.join(LINKS)}, got {link}", pytrace=False)
     directory = _directory(request, tmp_path_factory)
     given.setdefault("record", directory / "recording")
     given.setdefault("junit", directory / "expectations.xml")
@@ -59,11 +59,15 @@ def geu(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
         given["faults"].write_text(faults)
     if not {"pty", "tcp", "can", "serial"} & given.keys():
         given[link] = True
-    with Emulator(**given) as unit:
+    try:
+        unit = Emulator(**given).start()
+    except GeuError as failure:
+        pytest.fail(f"marker geu: {failure}", pytrace=False)
+    with unit:
         yield unit
         code = unit.stop()
     if code != 0 and not request.node.stash.get(_FAILED, False):
-        pytest.fail(f"geu: {unit.log.strip().splitlines()[-1] if unit.log.strip() else f'ended with {code}'}\n{_verdicts(unit)}", pytrace=False)
+        pytest.fail(f"{unit.log.strip().splitlines()[-1] if unit.log.strip() else f'geu: ended with {code}'}\n{_verdicts(unit)}", pytrace=False)
 
 
 @pytest.fixture
@@ -91,7 +95,7 @@ def _directory(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPath
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     report = yield
     unit = getattr(item, "funcargs", {}).get("geu")
-    if report.when == "call" and report.failed and isinstance(unit, Emulator):
+    if report.when in ("setup", "call") and report.failed and isinstance(unit, Emulator):
         item.stash[_FAILED] = True
         unit.stop()
         report.sections.append(("geu", _section(unit)))
@@ -109,9 +113,11 @@ def _section(unit: Emulator) -> str:
     lines.append(_verdicts(unit))
     if unit.log.strip():
         lines += ["log:", *("  " + line for line in unit.log.strip().splitlines()[-20:])]
+    if recording is None:
+        return "\n".join(filter(None, lines))
     try:
         from .simulation import Recording
-        summary = Recording(recording or "", unit.device).samples.summary.strip().splitlines()
+        summary = Recording(recording, unit.device).samples.summary.strip().splitlines()
         lines += ["link decoded:", *("  " + line for line in summary if line.split()[1:] != ["0"])]
     except (OSError, GeuError) as failure:
         lines.append(f"link decoded: {failure}")

@@ -43,6 +43,9 @@ class Recording:
             self._samples = decode(self.link, device=self.device)
         return self._samples
 
+    def __fspath__(self) -> str:
+        return self.link
+
     def __arrow_c_schema__(self) -> Any:
         return self.samples.__arrow_c_schema__()
 

@@ -18,6 +18,7 @@ use arrow_schema::{DataType, SchemaRef};
 use pyo3::IntoPyObjectExt;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::pybacked::PyBackedBytes;
 use pyo3::types::{PyCapsule, PyDict};
 
 /// Decoded samples in memory; any number of consumers may take the stream, without a copy.
@@ -90,8 +91,8 @@ impl Decoder {
     }
 
     /// Samples that these bytes complete, as dicts by the names of columns.
-    fn feed<'py>(&mut self, py: Python<'py>, data: &[u8]) -> PyResult<Vec<Bound<'py, PyDict>>> {
-        let batch = self.0.feed(data);
+    fn feed<'py>(&mut self, py: Python<'py>, data: PyBackedBytes) -> PyResult<Vec<Bound<'py, PyDict>>> {
+        let batch = self.0.feed(&data);
         let row = |row: usize| {
             let sample = PyDict::new(py);
             for (field, column) in batch.schema_ref().fields().iter().zip(batch.columns()) {
