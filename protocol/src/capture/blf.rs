@@ -214,7 +214,7 @@ impl Blf {
             Encoding::Zlib => {
                 encoding = self.inflate(bytes, sink);
                 let is_cut = left == 0 && encoding == Encoding::Zlib;
-                // A length that is damaged would hide the containers behind the stream.
+                // A damaged length would skip the containers behind the stream.
                 if is_cut || (encoding == Encoding::Ignored && left > MAX_PADDING as u64) {
                     self.objects.abandon(sink);
                     left = 0;
