@@ -69,7 +69,7 @@ impl ColumnKind {
     }
 }
 
-/// The columns of a unit that are read from an archive, in the order of [`ArchiveRows`].
+/// The columns of a unit that are read from an archive, in the order of `ArchiveRows`.
 #[derive(Debug, Clone)]
 pub struct ArchiveUnit {
     pub(crate) name: String,
