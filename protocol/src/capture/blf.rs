@@ -205,7 +205,7 @@ impl Blf {
     fn content(&mut self, bytes: &[u8], sink: &mut Sink) -> usize {
         let Some(Content { mut encoding, left }) = self.content else { return 0 };
         let used = left.min(bytes.len().min(CHUNK) as u64);
-        let (bytes, mut left) = (&bytes[..used as usize], left - used);
+        let (bytes, left) = (&bytes[..used as usize], left - used);
         match encoding {
             Encoding::Stored => {
                 self.objects.bytes.extend_from_slice(bytes);
@@ -213,11 +213,8 @@ impl Blf {
             }
             Encoding::Zlib => {
                 encoding = self.inflate(bytes, sink);
-                let is_cut = left == 0 && encoding == Encoding::Zlib;
-                // A damaged length would skip the containers behind the stream.
-                if is_cut || (encoding == Encoding::Ignored && left > MAX_PADDING as u64) {
+                if left == 0 && encoding == Encoding::Zlib {
                     self.objects.abandon(sink);
-                    left = 0;
                 }
             }
             Encoding::Ignored => {}

@@ -1,7 +1,6 @@
 //! Columns of the default unit.
 
 use std::collections::HashMap;
-use std::mem::take;
 use std::sync::Arc;
 
 use arrow_array::{ArrayRef, BooleanArray, Float64Array, Int16Array, Int32Array, Int64Array, RecordBatch};
@@ -14,7 +13,7 @@ use geu_recording::ReceivedSample;
 
 use geu_recording::archive::{DEFAULT_UNIT, DEVICE, IS_RECEIVED, TIME};
 
-use crate::{Times, VERSION, field, nulls};
+use crate::{Times, VERSION, emptied, field, nulls};
 
 /// Samples of a unit, collected as columns.
 pub trait Columns {
@@ -118,10 +117,10 @@ impl Columns for UnitColumns {
     fn take_batch(&mut self) -> RecordBatch {
         let has_clock = nulls(&mut self.has_clock);
         let mut columns: Vec<ArrayRef> = self.times.take_batch().to_vec();
-        columns.push(Arc::new(Int32Array::from(take(&mut self.sequence))));
-        columns.push(Arc::new(Int64Array::new(take(&mut self.clock_count).into(), has_clock.clone())));
-        columns.extend(self.increments.iter_mut().map(|own| Arc::new(Int16Array::from(take(own))) as ArrayRef));
-        let words = [&mut self.gyro_flags, &mut self.unit_flags].map(take);
+        columns.push(Arc::new(Int32Array::from(emptied(&mut self.sequence))));
+        columns.push(Arc::new(Int64Array::new(emptied(&mut self.clock_count).into(), has_clock.clone())));
+        columns.extend(self.increments.iter_mut().map(|own| Arc::new(Int16Array::from(emptied(own))) as ArrayRef));
+        let words = [&mut self.gyro_flags, &mut self.unit_flags].map(emptied);
         columns.extend(
             words
                 .each_ref()
@@ -130,9 +129,9 @@ impl Columns for UnitColumns {
         for (flags, bits) in words.iter().zip([GYRO_FLAGS, UNIT_FLAGS]) {
             columns.extend(bits.iter().map(|bit| is_set(flags, bit)));
         }
-        columns.push(Arc::new(Float64Array::from(take(&mut self.electronics_c))));
-        columns.push(Arc::new(Float64Array::new(take(&mut self.sensor_c).into(), has_clock)));
-        columns.push(Arc::new(BooleanArray::from(take(&mut self.is_received))));
+        columns.push(Arc::new(Float64Array::from(emptied(&mut self.electronics_c))));
+        columns.push(Arc::new(Float64Array::new(emptied(&mut self.sensor_c).into(), has_clock)));
+        columns.push(Arc::new(BooleanArray::from(emptied(&mut self.is_received))));
         RecordBatch::try_new(self.schema.clone(), columns).expect("columns as the schema has them")
     }
 }

@@ -1,7 +1,6 @@
 //! Columns of a described unit.
 
 use std::collections::HashMap;
-use std::mem::take;
 use std::sync::Arc;
 
 use arrow_array::{ArrayRef, BooleanArray, Float64Array, Int64Array, RecordBatch, StringArray};
@@ -10,7 +9,7 @@ use geu_model::device::{Device, TableWire};
 use geu_recording::DeviceSample;
 use geu_recording::archive::{ColumnKind, DESCRIPTION, DEVICE, GROUP, IS_RECEIVED, NUMBER, START, TIME};
 
-use crate::{Columns, FILE, Times, VERSION, field};
+use crate::{Columns, FILE, Times, VERSION, emptied, field};
 
 /// Columns of a described unit: time, number of the sample, its values by their names; start and trial if a table has them.
 #[derive(Debug)]
@@ -87,12 +86,12 @@ impl Columns for DeviceColumns {
 
     fn take_batch(&mut self) -> RecordBatch {
         let mut columns: Vec<ArrayRef> = self.times.take_batch().to_vec();
-        columns.push(Arc::new(Int64Array::from(take(&mut self.number))));
-        columns.extend(self.values.iter_mut().map(|(kind, own)| array(*kind, &take(own))));
-        columns.push(Arc::new(BooleanArray::from(take(&mut self.is_received))));
+        columns.push(Arc::new(Int64Array::from(emptied(&mut self.number))));
+        columns.extend(self.values.iter_mut().map(|(kind, own)| array(*kind, &emptied(own))));
+        columns.push(Arc::new(BooleanArray::from(emptied(&mut self.is_received))));
         columns.extend(self.start.iter_mut().flat_map(Times::take_batch));
         if let Some(group) = &mut self.group {
-            columns.push(Arc::new(StringArray::from(take(group))));
+            columns.push(Arc::new(StringArray::from(emptied(group))));
         }
         RecordBatch::try_new(self.schema.clone(), columns).expect("columns as the schema has them")
     }

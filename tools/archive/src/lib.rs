@@ -16,7 +16,6 @@ pub use described::DeviceColumns;
 pub use file::{BatchFile, FileFormat, Partition};
 
 use std::collections::HashMap;
-use std::mem::take;
 use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Float64Array, Int8Array, Int16Array, TimestampMicrosecondArray};
@@ -75,10 +74,11 @@ impl Times {
 
     fn take_batch(&mut self) -> [ArrayRef; 4] {
         let known = nulls(&mut self.is_known);
-        let time = TimestampMicrosecondArray::new(take(&mut self.time_us).into(), known.clone()).with_timezone("UTC");
-        let t_s = Float64Array::new(take(&mut self.t_s).into(), known.clone());
-        let rest_ns = Int16Array::new(take(&mut self.rest_ns).into(), known.clone());
-        let digits = Int8Array::new(take(&mut self.digits).into(), known);
+        let time =
+            TimestampMicrosecondArray::new(emptied(&mut self.time_us).into(), known.clone()).with_timezone("UTC");
+        let t_s = Float64Array::new(emptied(&mut self.t_s).into(), known.clone());
+        let rest_ns = Int16Array::new(emptied(&mut self.rest_ns).into(), known.clone());
+        let digits = Int8Array::new(emptied(&mut self.digits).into(), known);
         [Arc::new(time), Arc::new(t_s), Arc::new(rest_ns), Arc::new(digits)]
     }
 }
@@ -95,8 +95,14 @@ fn seconds(t_ns: i64) -> f64 {
     }
 }
 
+/// The values; the vector is empty afterwards, with room for as many.
+fn emptied<T>(values: &mut Vec<T>) -> Vec<T> {
+    let capacity = values.capacity();
+    std::mem::replace(values, Vec::with_capacity(capacity))
+}
+
 /// `None` if all are known.
 fn nulls(is_known: &mut Vec<bool>) -> Option<NullBuffer> {
-    let is_known = take(is_known);
+    let is_known = emptied(is_known);
     is_known.contains(&false).then(|| NullBuffer::from(is_known))
 }
