@@ -95,7 +95,7 @@ fn seconds(t_ns: i64) -> f64 {
     }
 }
 
-/// The values; the vector is empty afterwards, with room for as many.
+/// The values; the vector is empty afterwards, with the same capacity.
 fn emptied<T>(values: &mut Vec<T>) -> Vec<T> {
     let capacity = values.capacity();
     std::mem::replace(values, Vec::with_capacity(capacity))
