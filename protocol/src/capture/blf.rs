@@ -80,7 +80,9 @@ struct Content {
 enum Encoding {
     Stored,
     Zlib,
-    /// Bytes behind the end of the compressed data, or of damaged data.
+    /// Bytes behind the end of the compressed data: padding.
+    Ended,
+    /// Bytes of damaged data.
     Ignored,
 }
 
@@ -212,19 +214,26 @@ impl Blf {
                 self.objects.read(sink);
             }
             Encoding::Zlib => {
-                encoding = self.inflate(bytes, sink);
+                let (after, unread) = self.inflate(bytes, sink);
+                encoding = after;
                 if left == 0 && encoding == Encoding::Zlib {
                     self.objects.abandon(sink);
                 }
+                // A length that is damaged would reach over the containers behind the compressed data.
+                if encoding == Encoding::Ended && left + unread as u64 > MAX_PADDING as u64 {
+                    self.objects.abandon(sink);
+                    self.content = None;
+                    return bytes.len() - unread;
+                }
             }
-            Encoding::Ignored => {}
+            Encoding::Ignored | Encoding::Ended => {}
         }
         self.content = (left > 0).then_some(Content { encoding, left });
         bytes.len()
     }
 
-    /// Decompresses and reads `bytes`; returns the encoding of the bytes behind them.
-    fn inflate(&mut self, mut bytes: &[u8], sink: &mut Sink) -> Encoding {
+    /// Decompresses and reads `bytes`; returns the encoding of the bytes behind them, and the number of bytes behind the compressed data.
+    fn inflate(&mut self, mut bytes: &[u8], sink: &mut Sink) -> (Encoding, usize) {
         loop {
             let (read, written) = (self.zlib.total_in(), self.zlib.total_out());
             self.objects.bytes.reserve(CHUNK);
@@ -232,12 +241,14 @@ impl Blf {
             bytes = &bytes[(self.zlib.total_in() - read) as usize..];
             self.objects.read(sink);
             match status {
-                Ok(Status::StreamEnd) => return Encoding::Ignored,
-                Ok(_) if self.zlib.total_in() == read && self.zlib.total_out() == written => return Encoding::Zlib,
+                Ok(Status::StreamEnd) => return (Encoding::Ended, bytes.len()),
+                Ok(_) if self.zlib.total_in() == read && self.zlib.total_out() == written => {
+                    return (Encoding::Zlib, 0);
+                }
                 Ok(_) => {}
                 Err(_) => {
                     self.objects.abandon(sink);
-                    return Encoding::Ignored;
+                    return (Encoding::Ignored, 0);
                 }
             }
         }

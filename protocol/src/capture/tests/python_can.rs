@@ -260,7 +260,11 @@ fn damaged_blf_gives_the_frames_of_all_other_containers() {
     let usual = |count: usize| vec![usual.clone(); count];
     let with = |parts: &[&[Seen]]| parts.concat();
     let cut = [Seen::Broken(true)];
+    let mut reaches_over = good.clone();
+    let length = (2 * good.len()) as u32;
+    reaches_over[8..12].copy_from_slice(&length.to_le_bytes());
     for (file, expected) in [
+        (blf(&[reaches_over, good.clone(), good.clone()]), with(&[&usual(2), &cut, &usual(4)])),
         (blf(&[good.clone(), bad, good.clone()]), with(&[&usual(2), &cut, &usual(2)])),
         (blf(&[good.clone(), container(7, b"unknown"), good.clone()]), with(&[&usual(2), &cut, &usual(2)])),
         (blf(&[good.clone(), b"no object here".to_vec(), good.clone()]), with(&[&usual(2), &cut, &usual(2)])),
