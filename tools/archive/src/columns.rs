@@ -6,12 +6,13 @@ use std::sync::Arc;
 use arrow_array::{ArrayRef, BooleanArray, Float64Array, Int16Array, Int32Array, Int64Array, RecordBatch};
 use arrow_buffer::BooleanBuffer;
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
+use geu_model::device::DEFAULT_DEVICE;
+use geu_model::device::columns::{IS_RECEIVED, TIME};
 use geu_protocol::field::{
     Bit, ClockCount, Electronics, FIELDS, Field as _, GYRO_FLAGS, GyroFlags, Sensor, Sequence, UNIT_FLAGS, UnitFlags,
 };
 use geu_recording::ReceivedSample;
-
-use geu_recording::archive::{DEFAULT_UNIT, DEVICE, IS_RECEIVED, TIME};
+use geu_recording::archive::DEVICE;
 
 use crate::{Times, VERSION, emptied, field, nulls};
 
@@ -81,7 +82,7 @@ fn schema() -> SchemaRef {
     fields.push(of(Electronics::SPEC, DataType::Float64, false));
     fields.push(of(Sensor::SPEC, DataType::Float64, true));
     fields.push(Field::new(IS_RECEIVED, DataType::Boolean, false));
-    let metadata = [(DEVICE, DEFAULT_UNIT), (VERSION, env!("CARGO_PKG_VERSION"))];
+    let metadata = [(DEVICE, DEFAULT_DEVICE), (VERSION, env!("CARGO_PKG_VERSION"))];
     let metadata: HashMap<String, String> = metadata.map(|(key, value)| (key.to_owned(), value.to_owned())).into();
     Arc::new(Schema::new_with_metadata(fields, metadata))
 }

@@ -5,9 +5,10 @@ use std::sync::Arc;
 
 use arrow_array::{ArrayRef, BooleanArray, Float64Array, Int64Array, RecordBatch, StringArray};
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
+use geu_model::device::columns::{GROUP, IS_RECEIVED, NUMBER, START, TIME};
 use geu_model::device::{Device, TableWire};
 use geu_recording::DeviceSample;
-use geu_recording::archive::{ColumnKind, DESCRIPTION, DEVICE, GROUP, IS_RECEIVED, NUMBER, START, TIME};
+use geu_recording::archive::{ColumnKind, DESCRIPTION, DEVICE};
 
 use crate::{Columns, FILE, Times, VERSION, emptied, field};
 

@@ -9,7 +9,7 @@ use arrow_array::{Array, RecordBatch};
 use arrow_ipc::writer::FileWriter;
 use arrow_schema::{ArrowError, SchemaRef};
 use geu_files::Output;
-use geu_recording::archive::DEVICE;
+use geu_recording::archive::{ARROW, DEVICE, PARQUET};
 use parquet::arrow::ArrowWriter;
 use parquet::basic::{Compression, ZstdLevel};
 use parquet::errors::ParquetError;
@@ -28,8 +28,8 @@ impl FileFormat {
     /// End of the name of a file in a partition.
     pub const fn suffix(self) -> &'static str {
         match self {
-            FileFormat::Parquet => "parquet",
-            FileFormat::Arrow => "arrow",
+            FileFormat::Parquet => PARQUET,
+            FileFormat::Arrow => ARROW,
         }
     }
 }

@@ -24,7 +24,7 @@ use arrow_schema::{DataType, Field, TimeUnit};
 use geu_protocol::capture::Timestamp;
 
 /// Key of the unit of a column, in its metadata.
-const UNIT: &str = "unit";
+pub const UNIT: &str = "unit";
 /// Beginning of the keys of files that the description names, with their texts.
 pub const FILE: &str = "geu.file.";
 /// Key of the version of geu that made the columns.

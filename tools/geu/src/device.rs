@@ -44,8 +44,7 @@ enum Action {
     },
 }
 
-/// Name of the default unit, which has no description.
-pub const DEFAULT_DEVICE: &str = "iras";
+pub use geu_model::device::DEFAULT_DEVICE;
 
 /// The unit of a name or a description.
 ///

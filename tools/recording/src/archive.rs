@@ -3,10 +3,13 @@
 mod file;
 mod find;
 
-use geu_model::device::{Device, TableWire};
+use geu_model::device::columns::{GROUP, IS_RECEIVED, NUMBER, START, TIME};
+use geu_model::device::{DEFAULT_DEVICE, Device, TableWire};
 use geu_protocol::Sample;
 use geu_protocol::capture::Timestamp;
-use geu_protocol::field::{CLOCK_MODULUS, FIELDS};
+use geu_protocol::field::{
+    CLOCK_MODULUS, ClockCount, Electronics, FIELDS, Field, FieldSpec, GyroFlags, Sensor, Sequence, UnitFlags,
+};
 use geu_protocol::layout::Quantity;
 
 pub(crate) use file::{Archive, ArchiveRows};
@@ -20,19 +23,9 @@ use crate::text::timestamp;
 pub const DEVICE: &str = "geu.device";
 /// Key of its description; absent for the default unit.
 pub const DESCRIPTION: &str = "geu.description";
-/// Name of the default unit.
-pub const DEFAULT_UNIT: &str = "iras";
-
-/// Columns of the time of a row: the instant to the microsecond, in seconds, its nanoseconds beyond the microsecond, the decimals of its source.
-pub const TIME: [&str; 4] = ["time", "t_s", "time_rest_ns", "t_s_decimals"];
-/// Likewise for the start of a row.
-pub const START: [&str; 4] = ["start", "start_s", "start_rest_ns", "start_s_decimals"];
-/// True if the time of a row is a receive time.
-pub const IS_RECEIVED: &str = "is_received";
-/// Number of a sample of a described unit.
-pub const NUMBER: &str = "number";
-/// Trial of a row of a table.
-pub const GROUP: &str = "group";
+/// Ends of the names of files.
+pub const PARQUET: &str = "parquet";
+pub const ARROW: &str = "arrow";
 
 /// A range of times, from the first one to before the second.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -95,14 +88,14 @@ const FIRST_VALUE: usize = 4;
 
 impl ArchiveUnit {
     pub(crate) fn iras() -> ArchiveUnit {
-        let name = |name: &str, kind| (name.to_owned(), kind);
+        let of = |kind| move |field: FieldSpec| (field.name.to_owned(), kind);
         let mut columns = instant(TIME).to_vec();
-        columns.extend(["sequence", "clock_count"].map(|own| name(own, ColumnKind::Whole)));
-        columns.extend(FIELDS[..4].iter().map(|field| name(field.name, ColumnKind::Whole)));
-        columns.extend(["gyro_flags", "unit_flags"].map(|own| name(own, ColumnKind::Whole)));
-        columns.extend(["electronics_c", "sensor_c"].map(|own| name(own, ColumnKind::Real)));
-        columns.push(name(IS_RECEIVED, ColumnKind::Flag));
-        ArchiveUnit { name: DEFAULT_UNIT.to_owned(), description: String::new(), columns }
+        columns.extend([Sequence::SPEC, ClockCount::SPEC].map(of(ColumnKind::Whole)));
+        columns.extend(FIELDS[..4].iter().copied().map(of(ColumnKind::Whole)));
+        columns.extend([GyroFlags::SPEC, UnitFlags::SPEC].map(of(ColumnKind::Whole)));
+        columns.extend([Electronics::SPEC, Sensor::SPEC].map(of(ColumnKind::Real)));
+        columns.push((IS_RECEIVED.to_owned(), ColumnKind::Flag));
+        ArchiveUnit { name: DEFAULT_DEVICE.to_owned(), description: String::new(), columns }
     }
 
     pub(crate) fn described(device: &Device) -> ArchiveUnit {

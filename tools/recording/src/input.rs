@@ -76,7 +76,7 @@ pub enum InputError {
     Archive { name: String, message: String },
     /// A range of times of an input that is no archive.
     #[error(
-        "{name}: expected an archive of `geu decode --format parquet` with --from or --to, got another input; leave them out, or decode it to an archive"
+        "{name}: expected an archive of `geu decode --format parquet` with --from or --to, got another input or a damaged file; leave them out, or decode the recording to an archive"
     )]
     NoArchive { name: String },
     /// No row between two times.

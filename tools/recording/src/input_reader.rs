@@ -82,10 +82,10 @@ impl<'a, D: Decode> InputReader<'a, D> {
         if !self.options.reads_no_archives && self.archive(name, sink)? {
             return Ok(());
         }
+        let source = open(name, self.options.baud, self.decoder.reads_tables(), self.stop)?;
         if self.options.range.is_some() {
             return Err(InputError::NoArchive { name: name.to_owned() });
         }
-        let source = open(name, self.options.baud, self.decoder.reads_tables(), self.stop)?;
         sink.opened();
         self.decoder.begin(name, sink);
         match source {

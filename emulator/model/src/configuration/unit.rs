@@ -7,11 +7,9 @@ use serde_json::{Map, Value as Json, json};
 
 use super::document::{Node, Read};
 use super::tree::{Part, line, one, quoted};
-use crate::device::{DEVICES, Device, DeviceText};
+use crate::device::{DEFAULT_DEVICE, DEVICES, Device, DeviceText};
 
 const KEY: &str = "device";
-/// Name of the default unit.
-const IRAS: &str = "iras";
 
 /// The unit that a configuration names; it must be `asked`, if there is one.
 ///
@@ -22,7 +20,7 @@ pub(super) fn read(root: &Node, asked: Option<&Arc<Device>>) -> Read<Arc<Device>
         return Ok(asked.cloned().unwrap_or_else(Device::iras));
     }
     let device = match root.text(KEY) {
-        Ok(IRAS) => (*Device::iras()).clone(),
+        Ok(DEFAULT_DEVICE) => (*Device::iras()).clone(),
         Ok(name) => Device::from_name(name).ok_or_else(|| {
             let names: Vec<&str> = DEVICES.iter().map(|(name, _)| *name).collect();
             let hint = did_you_mean(name, &names);

@@ -2,7 +2,7 @@
 
 use geu_protocol::layout::{BitField, Coding, Field, Frame, FrameSet, Quantity, ValueSpec};
 
-use super::{Device, Output};
+use super::{Device, Output, columns};
 use crate::configuration::{ConfigurationError, Node};
 use crate::parameter_spec::ValueFormat;
 use crate::units::{ANGLE_UNITS, NamedUnits, RATE_UNITS, TIME_UNITS};
@@ -12,20 +12,6 @@ const COUNT_UNITS: NamedUnits = &[("count", 1.0)];
 
 /// Words of a `value`.
 const VALUES: [&str; 5] = ["sequence", "clock_count", "latency", "electronics", "sensor"];
-/// Columns of rows and archives beside the values.
-const COLUMNS: [&str; 11] = [
-    "t_s",
-    "number",
-    "group",
-    "is_received",
-    "time",
-    "time_rest_ns",
-    "t_s_decimals",
-    "start",
-    "start_s",
-    "start_rest_ns",
-    "start_s_decimals",
-];
 
 /// True for a name that programs can have: a letter, then letters, digits and underscores.
 pub fn is_identifier(name: &str) -> bool {
@@ -74,7 +60,7 @@ impl<'a> Fields<'a> {
                 false => Err(format!("expected the unit of the other field, for the column {known}, got {name}")),
             };
         }
-        let names = self.set.values.iter().map(|value| value.name.as_str()).chain(COLUMNS);
+        let names = self.set.values.iter().map(|value| value.name.as_str()).chain(columns::all());
         if let Some(other) = names.into_iter().find(|other| other.eq_ignore_ascii_case(&name)) {
             return Err(format!("expected a name of its own, got {name} beside {other}"));
         }

@@ -9,6 +9,7 @@
 //! ```
 
 mod can;
+pub mod columns;
 mod fields;
 mod model;
 mod output;
@@ -123,6 +124,9 @@ impl PartialEq for Device {
         (&own.text, &own.files) == (&other.text, &other.files)
     }
 }
+
+/// Name of the default unit, which has no description.
+pub const DEFAULT_DEVICE: &str = "iras";
 
 /// Declares the units of `configs/devices`: name, description, and the files that the description names.
 macro_rules! devices {

@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io;
 use std::path::Path;
 
+use geu_protocol::excerpt::excerpt;
 use parquet::basic::{ConvertedType, Type};
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::data_type::{ByteArray, DataType};
@@ -70,7 +71,7 @@ impl Archive {
         };
         let Some(name) = value(DEVICE) else { return Ok(None) };
         if name != unit.name && value(super::DESCRIPTION).is_none_or(|text| text != unit.description) {
-            let own = &unit.name;
+            let (own, name) = (&unit.name, excerpt(&name));
             return Err(invalid(format!("expected an archive of {own}, got {name}; give --device {name}")));
         }
         let columns = schema.schema_descr().columns();

@@ -4,11 +4,10 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::input::InputError;
+use geu_protocol::excerpt::excerpt;
 
-/// Ends of the names of files.
-const PARQUET: &str = "parquet";
-const ARROW: &str = "arrow";
+use super::{ARROW, PARQUET};
+use crate::input::InputError;
 
 /// The files of a directory in the order of their days and names; `None` if it is no directory.
 ///
@@ -30,7 +29,8 @@ pub fn archive_files(name: &str) -> Result<Option<Vec<PathBuf>>, InputError> {
             let name =
                 |unit: &PathBuf| unit.file_name().map_or(String::new(), |name| name.to_string_lossy()[7..].to_owned());
             let names: Vec<String> = units.iter().map(|unit| name(unit)).collect();
-            let (names, first) = (names.join(", "), first.display());
+            let (names, first) = (names.join(", "), first.display().to_string());
+            let (names, first) = (excerpt(&names), excerpt(&first));
             return Err(refused(format!("expected an archive of one unit, got {names}; give {first}")));
         }
     };
