@@ -89,38 +89,39 @@ enum Format {
 /// An input cannot be read, an output cannot be written; with `--strict`, defects.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     arguments.verify_format()?;
+    let stop = arguments.reading.stop_at_signals(&arguments.inputs)?;
     match arguments.device.as_deref().filter(|name| *name != DEFAULT_DEVICE) {
         Some(name) => {
             let device = device(name)?;
-            let reader = arguments.reading.device_reader(&arguments.inputs, &device)?;
-            match arguments.format.of_rows() {
-                RowFormat::None => decode(arguments, reader, NoRows),
-                RowFormat::Columns(format) => {
-                    decode(arguments, reader, arguments.columns(format, DeviceColumns::new(&device)))
-                }
-                RowFormat::Text(format) => {
-                    let rows = DeviceRows::new(format, &device);
-                    let header = rows.header();
-                    decode(
-                        arguments,
-                        reader,
-                        arguments.text(header, move |row: &DeviceSample, out: &mut Vec<u8>| rows.write(row, out)),
-                    )
-                }
-            }
+            let reader = arguments.reading.device_reader(&device, stop)?;
+            decode_to(arguments, reader, DeviceColumns::new(&device), |format| {
+                let rows = DeviceRows::new(format, &device);
+                (rows.header(), move |row: &DeviceSample, out: &mut Vec<u8>| rows.write(row, out))
+            })
         }
         None => {
-            let (with_bits, reader) = (arguments.flags, arguments.reading.reader(&arguments.inputs)?);
-            match arguments.format.of_rows() {
-                RowFormat::None => decode(arguments, reader, NoRows),
-                RowFormat::Columns(format) => {
-                    decode(arguments, reader, arguments.columns(format, UnitColumns::default()))
-                }
-                RowFormat::Text(format) => {
-                    let write = move |row: &ReceivedSample, out: &mut Vec<u8>| write_row(format, with_bits, row, out);
-                    decode(arguments, reader, arguments.text(format.header(with_bits), write))
-                }
-            }
+            let (with_bits, reader) = (arguments.flags, arguments.reading.reader(stop)?);
+            decode_to(arguments, reader, UnitColumns::default(), |format| {
+                let write = move |row: &ReceivedSample, out: &mut Vec<u8>| write_row(format, with_bits, row, out);
+                (format.header(with_bits), write)
+            })
+        }
+    }
+}
+
+/// Decodes the inputs to columns, to text with a header and a writer of rows, or to a summary alone.
+fn decode_to<D: Decode, W: FnMut(&D::Row, &mut Vec<u8>)>(
+    arguments: &Arguments,
+    reader: InputReader<D>,
+    columns: impl Columns<Row = D::Row>,
+    text: impl FnOnce(TextFormat) -> (String, W),
+) -> Result<(), CommandError> {
+    match arguments.format.of_rows() {
+        RowFormat::None => decode(arguments, reader, NoRows),
+        RowFormat::Columns(format) => decode(arguments, reader, arguments.columns(format, columns)),
+        RowFormat::Text(format) => {
+            let (header, write) = text(format);
+            decode(arguments, reader, TextRows { out: arguments.out.as_ref(), header, write, writer: None })
         }
     }
 }
@@ -203,10 +204,6 @@ impl Arguments {
             return Err(CommandError::input("--format: expected --out FILE, or a pipe, for a format that is no text"));
         }
         Ok(())
-    }
-
-    fn text<W>(&self, header: String, write: W) -> TextRows<'_, W> {
-        TextRows { out: self.out.as_ref(), header, write, writer: None }
     }
 
     fn columns<C: Columns>(&self, format: FileFormat, columns: C) -> ColumnRows<'_, C> {

@@ -1,5 +1,6 @@
 //! Options of commands that read a link, and notes on what was read.
 
+use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use clap::Args;
@@ -31,51 +32,55 @@ pub struct InputArgs {
     baud: Option<u32>,
     /// Stop after this time.
     #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = duration(0.0, LONGEST_S))]
-    pub duration: Option<f64>,
+    duration: Option<f64>,
     #[command(flatten)]
     range: RangeArgs,
 }
 
 impl InputArgs {
-    /// A reader with these options. The first SIGINT, SIGTERM or SIGHUP ends a live input regularly; with files only, it
-    /// ends the process.
+    /// A reader with these options.
     ///
     /// # Errors
-    /// Signals cannot be watched, or a range of times that is none.
-    pub fn reader(&self, inputs: &[String]) -> Result<InputReader<'static>, CommandError> {
-        let options = self.options()?;
-        Ok(InputReader::new(options, self.stop(inputs)?))
+    /// A range of times that is none.
+    pub fn reader<'a>(&self, stop: Stop<'a>) -> Result<InputReader<'a>, CommandError> {
+        Ok(InputReader::new(self.options()?, stop))
     }
 
     /// A reader for a described unit.
     ///
     /// # Errors
-    /// Signals cannot be watched, or a base of identifiers that a description has.
-    pub fn device_reader(
+    /// A range of times that is none, or a base of identifiers that a description has.
+    pub fn device_reader<'a>(
         &self,
-        inputs: &[String],
         device: &Device,
-    ) -> Result<InputReader<'static, DeviceDecoder>, CommandError> {
+        stop: Stop<'a>,
+    ) -> Result<InputReader<'a, DeviceDecoder>, CommandError> {
         if self.base.is_some() {
             return Err(CommandError::input("--base: expected none: the identifiers are in the description"));
         }
         let mut options = self.options()?;
         options.baud = options.baud.or(device.serial.as_ref().map(|serial| serial.baud));
-        Ok(InputReader::with(DeviceDecoder::new(device, &options), options, self.stop(inputs)?))
+        Ok(InputReader::with(DeviceDecoder::new(device, &options), options, stop))
     }
 
-    fn stop(&self, inputs: &[String]) -> Result<Stop<'static>, CommandError> {
-        let stop = inputs.iter().any(|input| is_live(input)).then(stop_flag).transpose();
-        let stop = stop.map_err(|error| CommandError::failed(format!("signals cannot be watched: {error}")))?;
-        let deadline = self.duration.map(|duration_s| Instant::now() + Duration::from_secs_f64(duration_s));
-        Ok(Stop { flag: stop, deadline })
-    }
-
-    /// Options of a decoder.
+    /// The end of a command: the first SIGINT, SIGTERM or SIGHUP ends a live input regularly; with files only, it ends the
+    /// process.
     ///
     /// # Errors
-    /// A range of times that is none.
-    pub fn options(&self) -> Result<DecoderOptions, CommandError> {
+    /// Signals cannot be watched.
+    pub fn stop_at_signals(&self, inputs: &[String]) -> Result<Stop<'static>, CommandError> {
+        let flag = inputs.iter().any(|input| is_live(input)).then(stop_flag).transpose();
+        let flag = flag.map_err(|error| CommandError::failed(format!("signals cannot be watched: {error}")))?;
+        Ok(self.stop(flag))
+    }
+
+    /// The end by a flag, or after the duration.
+    pub fn stop<'a>(&self, flag: Option<&'a AtomicBool>) -> Stop<'a> {
+        let deadline = self.duration.map(|duration_s| Instant::now() + Duration::from_secs_f64(duration_s));
+        Stop { flag, deadline }
+    }
+
+    fn options(&self) -> Result<DecoderOptions, CommandError> {
         Ok(DecoderOptions {
             plan: self.base.unwrap_or_default(),
             interface: self.interface.clone(),

@@ -64,6 +64,7 @@ pub use command_error::CommandError;
 use command_error::EXIT_CODES;
 pub use decode::stream::StreamDecoder;
 pub use decode::table::{DecodedTable, decode_table};
+pub use geu_archive::UNIT;
 
 /// Emulator, decoder and evaluation of a spacecraft gyro electronics unit.
 ///

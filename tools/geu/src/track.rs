@@ -121,7 +121,8 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     match calibration(arguments)? {
         Ok(prior) => {
             let mut tracker = Tracker::new(&prior, arguments.gyros.unwrap_or_default(), start);
-            let reader = arguments.reading.reader(slice::from_ref(&arguments.link))?;
+            let stop = arguments.reading.stop_at_signals(slice::from_ref(&arguments.link))?;
+            let reader = arguments.reading.reader(stop)?;
             track(arguments, reader, None, |row| tracker.push(row))
         }
         Err(configuration) => {
@@ -131,7 +132,8 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
                 return Err(CommandError::input(format!("--gyros: {expected}, got {}", device.name)));
             }
             let mut tracker = DeviceTracker::new(&configuration, start).map_err(CommandError::input)?;
-            let reader = arguments.reading.device_reader(slice::from_ref(&arguments.link), device)?;
+            let stop = arguments.reading.stop_at_signals(slice::from_ref(&arguments.link))?;
+            let reader = arguments.reading.device_reader(device, stop)?;
             track(arguments, reader, Some(device.interval_s), |row| tracker.push(row))?;
             if tracker.of_other_trials > 0 {
                 note(format_args!("left out       {} rows of other trials\n", tracker.of_other_trials));

@@ -105,16 +105,16 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         }
     }
     let publisher = emulator.map(Publisher::start);
-    let inputs = slice::from_ref(&arguments.link);
+    let stop = arguments.reading.stop_at_signals(slice::from_ref(&arguments.link))?;
     match reference {
         Some(reference) if !configuration.device.is_iras() => {
             let mut monitor = DeviceMonitor::new(&configuration, reference);
-            let reader = arguments.reading.device_reader(inputs, &configuration.device)?;
+            let reader = arguments.reading.device_reader(&configuration.device, stop)?;
             watch(arguments, reader, publisher, |row| monitor.push(row))
         }
         reference => {
             let mut monitor = Monitor::new(&configuration, reference, arguments.clock);
-            watch(arguments, arguments.reading.reader(inputs)?, publisher, |row| monitor.push(row))
+            watch(arguments, arguments.reading.reader(stop)?, publisher, |row| monitor.push(row))
         }
     }
 }

@@ -6,6 +6,7 @@ import sys
 import threading
 
 from geu._geu import command
+from geu._run import ENDS_WITH_INPUT
 
 
 def end_with_input() -> None:
@@ -18,7 +19,7 @@ def end_with_input() -> None:
 def main() -> None:
     # The command ends at Ctrl-C as any other does; Python's handler would wait for its return.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    if os.environ.pop("GEU_ENDS_WITH_INPUT", None):
+    if os.environ.pop(ENDS_WITH_INPUT, None):
         threading.Thread(target=end_with_input, daemon=True).start()
     sys.exit(command(["geu", *sys.argv[1:]]))
 

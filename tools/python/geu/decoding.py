@@ -32,7 +32,7 @@ class Samples:
     summary : str
         What was read, decoded and lost, in words.
     broken : str or None
-        Why the samples end before the input does: a broken container, a closed link.
+        Why the samples end before the input does: a broken container, a link that failed. A link that its other end closes ends regularly.
     """
 
     def __init__(self, table: _geu.Table) -> None:

@@ -44,7 +44,7 @@ impl Table {
     /// Name and unit of each column; the unit is empty for a column without one.
     #[getter]
     fn columns(&self) -> Vec<(String, String)> {
-        let unit = |field: &arrow_schema::Field| field.metadata().get("unit").cloned().unwrap_or_default();
+        let unit = |field: &arrow_schema::Field| field.metadata().get(geu::UNIT).cloned().unwrap_or_default();
         self.schema.fields().iter().map(|field| (field.name().clone(), unit(field))).collect()
     }
 
@@ -105,7 +105,7 @@ impl Decoder {
 
     #[getter]
     fn defects(&self) -> u64 {
-        self.0.defects()
+        self.0.defects
     }
 }
 

@@ -114,6 +114,7 @@ impl<C: Columns> ColumnRows<'_, C> {
     #[cold]
     fn write_batch(&mut self) -> Result<(), CommandError> {
         self.has_rows = true;
+        self.begin()?;
         let batch = self.columns.take_batch();
         let written = match &mut self.files {
             Some(ColumnFiles::File(file)) => file.write(&batch),
@@ -122,10 +123,12 @@ impl<C: Columns> ColumnRows<'_, C> {
         };
         written.map_err(|error| self.failed(error))
     }
-}
 
-impl<C: Columns> RowOutput<C::Row> for ColumnRows<'_, C> {
-    fn open(&mut self) -> Result<(), CommandError> {
+    /// Starts the files, which begin with bytes of their format.
+    fn begin(&mut self) -> Result<(), CommandError> {
+        if self.files.is_some() {
+            return Ok(());
+        }
         let (format, schema) = (self.format, self.columns.schema());
         self.files = Some(match self.place {
             ColumnPlace::File(file) => {
@@ -141,6 +144,13 @@ impl<C: Columns> RowOutput<C::Row> for ColumnRows<'_, C> {
             }
         });
         Ok(())
+    }
+}
+
+impl<C: Columns> RowOutput<C::Row> for ColumnRows<'_, C> {
+    /// Standard output of an input that is refused stays empty.
+    fn open(&mut self) -> Result<(), CommandError> {
+        if matches!(self.place, ColumnPlace::File(None)) { Ok(()) } else { self.begin() }
     }
 
     #[inline]
@@ -158,6 +168,7 @@ impl<C: Columns> RowOutput<C::Row> for ColumnRows<'_, C> {
         if !self.columns.is_empty() {
             self.write_batch()?;
         }
+        self.begin()?;
         let finished = match self.files.take() {
             Some(ColumnFiles::File(file)) => file.finish().map(|output| vec![output]),
             Some(ColumnFiles::Partition(files)) => files.finish(),

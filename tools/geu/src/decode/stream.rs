@@ -6,12 +6,14 @@ use geu_recording::{Decode, Decoder, DecoderOptions, Defect, DeviceDecoder, Sink
 use crate::command_error::CommandError;
 use crate::device::{DEFAULT_DEVICE, device};
 
-/// Decodes the serial bytes of a link as they arrive.
-pub struct StreamDecoder(Unit);
+/// Samples that bytes complete, and the number of defects until then.
+type Decoding = dyn FnMut(&[u8]) -> (RecordBatch, u64) + Send + Sync;
 
-enum Unit {
-    Default(Box<Decoder>, Rows<UnitColumns>),
-    Described(Box<DeviceDecoder>, Rows<DeviceColumns>),
+/// Decodes the serial bytes of a link as they arrive.
+pub struct StreamDecoder {
+    decode: Box<Decoding>,
+    /// Number of defects until now.
+    pub defects: u64,
 }
 
 struct Rows<C> {
@@ -37,40 +39,33 @@ impl StreamDecoder {
     pub fn new(name: Option<&str>) -> Result<StreamDecoder, CommandError> {
         let options = DecoderOptions::default();
         let Some(name) = name.filter(|name| *name != DEFAULT_DEVICE) else {
-            let (mut decoder, mut rows) =
-                (Decoder::new(&options), Rows { columns: UnitColumns::default(), defects: 0 });
-            decoder.begin("stream", &mut rows);
-            return Ok(StreamDecoder(Unit::Default(Box::new(decoder), rows)));
+            return Ok(StreamDecoder::with(Decoder::new(&options), UnitColumns::default()));
         };
         let device = device(name)?;
         if device.serial.is_none() {
             return Err(CommandError::input(format!("{name}: expected a unit with a serial link, got one without")));
         }
-        let mut decoder = DeviceDecoder::new(&device, &options);
-        let mut rows = Rows { columns: DeviceColumns::new(&device), defects: 0 };
+        Ok(StreamDecoder::with(DeviceDecoder::new(&device, &options), DeviceColumns::new(&device)))
+    }
+
+    fn with<D, C>(mut decoder: D, columns: C) -> StreamDecoder
+    where
+        D: Decode + Send + Sync + 'static,
+        C: Columns<Row = D::Row> + Send + Sync + 'static,
+    {
+        let mut rows = Rows { columns, defects: 0 };
         decoder.begin("stream", &mut rows);
-        Ok(StreamDecoder(Unit::Described(Box::new(decoder), rows)))
+        let decode = move |bytes: &[u8]| {
+            decoder.serial(bytes, None, &mut rows);
+            (rows.columns.take_batch(), rows.defects)
+        };
+        StreamDecoder { decode: Box::new(decode), defects: 0 }
     }
 
     /// Samples that these bytes complete.
     pub fn feed(&mut self, bytes: &[u8]) -> RecordBatch {
-        match &mut self.0 {
-            Unit::Default(decoder, rows) => {
-                decoder.serial(bytes, None, rows);
-                rows.columns.take_batch()
-            }
-            Unit::Described(decoder, rows) => {
-                decoder.serial(bytes, None, rows);
-                rows.columns.take_batch()
-            }
-        }
-    }
-
-    /// Number of defects until now.
-    pub fn defects(&self) -> u64 {
-        match &self.0 {
-            Unit::Default(_, rows) => rows.defects,
-            Unit::Described(_, rows) => rows.defects,
-        }
+        let (batch, defects) = (self.decode)(bytes);
+        self.defects = defects;
+        batch
     }
 }

@@ -3,11 +3,10 @@
 use std::ffi::OsString;
 use std::sync::atomic::AtomicBool;
 use std::sync::atomic::Ordering::Relaxed;
-use std::time::{Duration, Instant};
 
 use clap::{Args, FromArgMatches};
 use geu_archive::{Columns, DeviceColumns, RecordBatch, SchemaRef, UnitColumns};
-use geu_recording::{Decode, Decoder, Defect, DeviceDecoder, InputReader, Sink, Stop};
+use geu_recording::{Decode, Defect, InputReader, Sink};
 use geu_report::rows::DefectLines;
 
 use super::{Arguments, BATCH_ROWS, gives_rows};
@@ -22,7 +21,7 @@ pub struct DecodedTable {
     pub summary: String,
     /// One JSON object a line, as `--defects` writes.
     pub defects: String,
-    /// Reason why the rows end before the inputs do: a broken container, a closed link.
+    /// Reason why the rows end before the inputs do: a broken container, a link that failed.
     pub broken: Option<String>,
 }
 
@@ -42,19 +41,12 @@ pub fn decode_table(
         let first = text.split("\n\n").next().unwrap_or_default();
         CommandError::input(first.trim_start_matches("error: ").split_whitespace().collect::<Vec<_>>().join(" "))
     })?;
-    let mut options = arguments.reading.options()?;
-    let deadline = arguments.reading.duration.map(|duration_s| Instant::now() + Duration::from_secs_f64(duration_s));
-    let until = Stop { flag: Some(stop), deadline };
+    let until = arguments.reading.stop(Some(stop));
     match arguments.device.as_deref().filter(|name| *name != DEFAULT_DEVICE) {
-        None => {
-            let reader = InputReader::with(Decoder::new(&options), options, until);
-            table(&arguments, reader, UnitColumns::default(), stop)
-        }
+        None => table(&arguments, arguments.reading.reader(until)?, UnitColumns::default(), stop),
         Some(name) => {
             let device = device(name)?;
-            options.baud = options.baud.or(device.serial.as_ref().map(|serial| serial.baud));
-            let reader = InputReader::with(DeviceDecoder::new(&device, &options), options, until);
-            table(&arguments, reader, DeviceColumns::new(&device), stop)
+            table(&arguments, arguments.reading.device_reader(&device, until)?, DeviceColumns::new(&device), stop)
         }
     }
 }
