@@ -75,9 +75,9 @@ fn step(size: f64) -> InjectedEffect {
     }
 }
 
-fn entry(code: &str, gyro: &str, rivals: Value) -> Value {
+fn entry(code: &str, gyro: &str, alternatives: Value) -> Value {
     let parameters = json!({ "arcsec_per_h": { "value": 25.0, "sigma": 3.0 }, "on": { "value": true, "sigma": null } });
-    json!({ "code": code, "class": "missing-effect", "gyros": [gyro], "parameters": parameters, "rivals": rivals })
+    json!({ "code": code, "class": "missing-effect", "gyros": [gyro], "parameters": parameters, "rivals": alternatives })
 }
 
 fn result(verdict: &str, effects: &[Value]) -> ReportedDiagnosis {
