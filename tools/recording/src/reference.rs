@@ -5,6 +5,7 @@
 
 mod columns;
 mod magnitudes;
+mod rate_jumps;
 #[cfg(test)]
 mod tests;
 mod trial_rows;

@@ -179,25 +179,32 @@ impl RecordedAttitude {
     }
 
     /// Reads rows, in rising order `unknown`, before which neither motion nor turn is known: the angle stays there, and the rows between two
-    /// such gaps have a spline of their own. Attitudes have gaps between distant rows too. Of rates and turns the spline does not bend at
-    /// rows without a turn, in which the unit rests.
+    /// such gaps have a spline of their own, as have those between two `jumps` of the rate. Attitudes have gaps between distant rows too. Of
+    /// rates and turns the spline does not bend at rows without a turn, in which the unit rests.
     ///
     /// # Errors
     /// Rows that overlap or are too few.
     pub fn with_unknown_turns(
         rows: &[AttitudeRow],
         unknown: Vec<usize>,
+        jumps: &[usize],
         is_attitude: bool,
     ) -> Result<RecordedAttitude, AttitudeRowsError> {
         let mut read = RecordedAttitude::with_gaps(rows)?;
-        let ends: Vec<usize> = [0].into_iter().chain(unknown.iter().copied()).chain([rows.len()]).collect();
+        // A jump is the end of one piece and the start of the next.
+        let of_jump = jumps.iter().map(|&row| (row + 1, row));
+        let mut ends: Vec<(usize, usize)> = unknown.iter().map(|&row| (row, row)).chain(of_jump).collect();
+        ends.sort_unstable();
+        let starts = [0].into_iter().chain(ends.iter().map(|own| own.1));
+        let pieces: Vec<_> = starts.zip(ends.iter().map(|own| own.0).chain([rows.len()])).collect();
         for (bend, angles) in Arc::make_mut(&mut read.bend).iter_mut().zip(read.angle_control_arcsec.iter()) {
-            for own in ends.windows(2).map(|ends| ends[0]..ends[1]) {
+            for own in pieces.iter().map(|&(from, to)| from..to) {
                 match own.len() {
                     0..3 => bend[own].fill(0.0),
                     _ => bend[own.clone()].copy_from_slice(&second_derivatives(&read.t_s[own.clone()], &angles[own])),
                 }
             }
+            jumps.iter().for_each(|&row| bend[row] = 0.0);
             let is_rest =
                 |row: &usize| rows[*row].angle_control_arcsec == [0.0; 3] && unknown.binary_search(row).is_err();
             for row in (1..rows.len()).filter(|row| !is_attitude && is_rest(row)) {
@@ -225,7 +232,7 @@ impl RecordedAttitude {
             }
         };
         let rows: Vec<AttitudeRow> = (0..self.t_s.len()).map(row).collect();
-        RecordedAttitude::with_unknown_turns(&rows, self.unknown.clone(), true)
+        RecordedAttitude::with_unknown_turns(&rows, self.unknown.clone(), &[], true)
     }
 
     /// The first row's time.

@@ -7,6 +7,7 @@ use geu_model::units::RAD_PER_DEG;
 use nalgebra::{Quaternion, UnitQuaternion};
 
 use super::columns::{COLUMNS, Columns, MotionKind, SIGMA_COLUMNS, time_ns};
+use super::rate_jumps::rate_jumps;
 use super::{BETWEEN_TRIALS_S, Gaps, ReferenceAttitude, Trial, turn_arcsec};
 use crate::csv_table::{CsvTable, TableError};
 
@@ -32,6 +33,8 @@ pub struct TrialRows {
     starts_s: Vec<f64>,
     /// Rows before which the turn is not known.
     unknown: Vec<usize>,
+    /// Rows at the end of which the rate jumps.
+    jumps: Vec<usize>,
 }
 
 impl TrialRows {
@@ -152,6 +155,38 @@ impl TrialRows {
         points
     }
 
+    /// The trial with a point at each jump of the rate, where two splines meet.
+    fn divided_at_jumps(self) -> TrialRows {
+        let mut jumps = rate_jumps(&self.rows, &self.unknown).into_iter().peekable();
+        if jumps.peek().is_none() {
+            return self;
+        }
+        let (rows, lines, sigmas, unknown) = (self.rows, self.lines, self.sigma_arcsec, self.unknown);
+        let mut points =
+            TrialRows { rows: Vec::new(), lines: Vec::new(), sigma_arcsec: Vec::new(), unknown: Vec::new(), ..self };
+        for (place, (row, line)) in rows.iter().zip(lines).enumerate() {
+            points.unknown.extend(unknown.binary_search(&place).ok().map(|_| points.rows.len()));
+            let sigma = sigmas.get(place).copied();
+            let share = jumps.next_if(|jump| jump.row == place).map(|jump| jump.share);
+            let before = share.filter(|share| *share < 1.0).map(|share| {
+                let [two_before_s, before_s] = [rows[place - 2].t_s, rows[place - 1].t_s];
+                let first_s = share * (row.t_s - before_s);
+                let turn = rows[place - 1].angle_control_arcsec.map(|part| part * first_s / (before_s - two_before_s));
+                points.rows.push(AttitudeRow { t_s: before_s + first_s, angle_control_arcsec: turn, ..*row });
+                points.lines.push(line);
+                points.sigma_arcsec.extend(sigma.map(|sigma| sigma.map(|part| part * share)));
+                (turn, share)
+            });
+            points.jumps.extend(share.map(|share| if share < 1.0 { points.rows.len() - 1 } else { points.rows.len() }));
+            let (turn, share) = before.unwrap_or_default();
+            let angle_control_arcsec = std::array::from_fn(|axis| row.angle_control_arcsec[axis] - turn[axis]);
+            points.rows.push(AttitudeRow { angle_control_arcsec, ..*row });
+            points.lines.push(line);
+            points.sigma_arcsec.extend(sigma.map(|sigma| sigma.map(|part| part * (1.0 - share))));
+        }
+        points
+    }
+
     /// The truth of the trials, one after the other.
     fn finish(
         trials: Vec<TrialRows>,
@@ -166,12 +201,15 @@ impl TrialRows {
         };
         let points = |own: TrialRows| match is_attitude {
             true => own,
-            false => own.divided(columns.kind == MotionKind::Rate, allows_all),
+            false => {
+                let points = own.divided(columns.kind == MotionKind::Rate, allows_all);
+                if allows_all { points.divided_at_jumps() } else { points }
+            }
         };
         let (all, mut trials) = TrialRows::joined(trials.into_iter().map(points).collect(), has_own_times);
-        let truth = match all.unknown.is_empty() && (is_attitude || columns.start.is_none()) {
+        let truth = match all.unknown.is_empty() && all.jumps.is_empty() && (is_attitude || columns.start.is_none()) {
             true => RecordedAttitude::with_gaps(&all.rows),
-            false => RecordedAttitude::with_unknown_turns(&all.rows, all.unknown, is_attitude),
+            false => RecordedAttitude::with_unknown_turns(&all.rows, all.unknown, &all.jumps, is_attitude),
         };
         let is_accepted = allows_all || is_attitude && gaps == Gaps::OfAttitudes;
         let truth = truth.and_then(|truth| if is_accepted { Ok(truth) } else { truth.without_gaps(&all.rows) });
@@ -223,6 +261,7 @@ impl TrialRows {
             let before = all.rows.len();
             all.unknown
                 .extend((before > 0).then_some(before).into_iter().chain(own.unknown.iter().map(|row| row + before)));
+            all.jumps.extend(own.jumps.iter().map(|row| row + before));
             all.rows.append(&mut own.rows);
             all.lines.append(&mut own.lines);
             all.sigma_arcsec.append(&mut own.sigma_arcsec);
