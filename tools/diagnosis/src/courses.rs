@@ -34,6 +34,10 @@ const DURATIONS: [usize; 10] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32];
 /// Searched onsets of immediate effects, which end with the manoeuvre.
 const SUDDEN_ONSETS: usize = 4 * ONSETS;
 
+/// Variation of a temperature course, as a share of its largest value, below which it is a constant: the two differ by χ² of less than a
+/// thousandth of what they explain.
+const STEADY: f64 = 0.05;
+
 /// Time after which a step of a rate is as uncertain by the rate's own noise as by the angles, on the gyro with the largest noise: the
 /// whitening filter remembers no longer.
 fn memory_s(configuration: &Configuration) -> f64 {
@@ -242,7 +246,17 @@ impl Courses {
             all = all.iter().flat_map(|before| values.iter().map(|value| [&before[..], &[*value]].concat())).collect();
         }
         let is_inside = |shapes: &Vec<f64>| !ends || shapes.iter().sum::<f64>() < self.duration_s() - self.block_s;
-        all.into_iter().filter(is_inside).map(|shapes| Variation::Course { kind, shapes }).collect()
+        let all = all.into_iter().filter(is_inside).map(|shapes| Variation::Course { kind, shapes });
+        all.filter(|variation| variation.is_of_time() || self.varies(mode, variation)).collect()
+    }
+
+    /// False for a course of the temperature that is a constant in this recording: the amplitude without a course explains the same.
+    fn varies(&self, mode: Mode, variation: &Variation) -> bool {
+        let values = self.values(mode, variation, 0..self.blocks()).unwrap_or_default();
+        let [least, most] = values
+            .iter()
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], value| [value.min(least), value.max(most)]);
+        most - least > STEADY * most.max(-least)
     }
 
     /// Spacing of steps of a rate, if it is less than that of other courses.
@@ -367,5 +381,18 @@ mod tests {
             }
             assert!(cached > 100 && followers == 2, "{cached} {followers}");
         }
+    }
+    #[test]
+    fn a_steady_temperature_has_no_course() {
+        let courses = |excess_k: fn(usize) -> f64| {
+            let all = Courses::at((0..500).map(excess_k).collect(), 5.0);
+            let of_kind = |kind| all.variations(kind, Mode::Rate);
+            (0..COURSES.len()).flat_map(of_kind).filter(|variation| !variation.is_of_time()).count()
+        };
+        assert_eq!(courses(|_| 50.0), 0);
+        assert_eq!(courses(|_| 0.0), 0);
+        // A step of 2 %: its rate varies.
+        assert_eq!(courses(|block| 50.0 + (block / 250) as f64), 1);
+        assert_eq!(courses(|block| 50.0 + 0.01 * block as f64), 2);
     }
 }
