@@ -253,10 +253,10 @@ impl Courses {
     /// False for a course of the temperature that is a constant in this recording: the amplitude without a course explains the same.
     fn varies(&self, mode: Mode, variation: &Variation) -> bool {
         let values = self.values(mode, variation, 0..self.blocks()).unwrap_or_default();
-        let [least, most] = values
+        let [min, max] = values
             .iter()
-            .fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], value| [value.min(least), value.max(most)]);
-        most - least > STEADY * most.max(-least)
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[min, max], value| [value.min(min), value.max(max)]);
+        max - min > STEADY * max.max(-min)
     }
 
     /// Spacing of steps of a rate, if it is less than that of other courses.

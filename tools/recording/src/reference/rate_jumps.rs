@@ -9,8 +9,8 @@ const JUMP: f64 = 20.0;
 /// Rows on each side that show how the rate changes without a jump.
 const ROWS: usize = 3;
 /// Jump over a row, arcsec, of which a spline makes less than a thousandth: no unit measures that.
-const LEAST_ARCSEC: f64 = 0.02;
-/// Share of a row from its start or end within which a jump is there.
+const MIN_ARCSEC: f64 = 0.02;
+/// Share of a row from its start or end within which a jump belongs to that end.
 const AT_END: f64 = 1e-4;
 
 /// A jump in a row, after this share of it; 1 at its end.
@@ -33,7 +33,7 @@ pub fn rate_jumps(rows: &[AttitudeRow], unknown: &[usize]) -> Vec<RateJump> {
         let (before, after) = (rate(row - 1), rate(row + 1));
         let step = after - before;
         let usual = (row + 1 - ROWS..row).chain(row + 2..row + 1 + ROWS).map(change).fold(0.0, f64::max);
-        let is_jump = step.norm() * length_s(row) >= LEAST_ARCSEC && step.norm() >= JUMP * usual && is_known(row);
+        let is_jump = step.norm() * length_s(row) >= MIN_ARCSEC && step.norm() >= JUMP * usual && is_known(row);
         let share = (after - rate(row)).dot(&step) / step.norm_squared();
         match share {
             _ if !is_jump => None,
