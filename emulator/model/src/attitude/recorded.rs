@@ -191,14 +191,14 @@ impl RecordedAttitude {
         is_attitude: bool,
     ) -> Result<RecordedAttitude, AttitudeRowsError> {
         let mut read = RecordedAttitude::with_gaps(rows)?;
-        // A jump is the end of one piece and the start of the next.
+        // A jump is the end of one spline and the start of the next.
         let of_jump = jumps.iter().map(|&row| (row + 1, row));
         let mut ends: Vec<(usize, usize)> = unknown.iter().map(|&row| (row, row)).chain(of_jump).collect();
         ends.sort_unstable();
         let starts = [0].into_iter().chain(ends.iter().map(|own| own.1));
-        let pieces: Vec<_> = starts.zip(ends.iter().map(|own| own.0).chain([rows.len()])).collect();
+        let splines: Vec<_> = starts.zip(ends.iter().map(|own| own.0).chain([rows.len()])).collect();
         for (bend, angles) in Arc::make_mut(&mut read.bend).iter_mut().zip(read.angle_control_arcsec.iter()) {
-            for own in pieces.iter().map(|&(from, to)| from..to) {
+            for own in splines.iter().map(|&(from, to)| from..to) {
                 match own.len() {
                     0..3 => bend[own].fill(0.0),
                     _ => bend[own.clone()].copy_from_slice(&second_derivatives(&read.t_s[own.clone()], &angles[own])),
