@@ -7,9 +7,10 @@ use std::thread;
 use std::time::Instant;
 
 use rayon::ThreadPoolBuilder;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use crate::injected::InjectedEffect;
+use crate::record::TrialRecord;
 use crate::score::{IsolationResult, ReportedDiagnosis, Score, score};
 use crate::survey::TrialMotion;
 use crate::trial::TrialGenerator;
@@ -31,26 +32,44 @@ pub struct CampaignPlan {
     /// Seed.
     pub seed: u64,
     /// Runs of each strength, and without an effect.
-    pub runs: usize,
+    pub runs: u16,
     /// Strengths, in sigmas of the Cramér–Rao bound.
     pub strengths: Vec<f64>,
     /// Parallel diagnoses, each on one core; the result does not depend on it.
     pub threads: usize,
+    /// The part that is run.
+    pub shard: Shard,
+}
+
+/// One of several parts of a campaign, which may run on other machines: every run whose number, divided by `count`, leaves `index`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Shard {
+    pub index: usize,
+    pub count: usize,
+}
+
+impl Shard {
+    pub const WHOLE: Shard = Shard { index: 0, count: 1 };
 }
 
 impl CampaignPlan {
-    /// The kind of each run, in order.
-    fn kinds(&self) -> Vec<TrialKind> {
-        let with_amplitude = self.strengths.iter().map(|&strength| (TrialKind::Amplitude(strength), self.runs));
-        let without = (TrialKind::Nothing, self.runs);
-        let unknown = (TrialKind::Unknown(UNKNOWN_STRENGTH), self.runs.div_ceil(RUNS_OF_UNKNOWN));
+    /// The kind of each run of all shards, in order.
+    pub(crate) fn kinds(&self) -> Vec<TrialKind> {
+        let with_amplitude = self.strengths.iter().map(|&strength| (TrialKind::Amplitude(strength), self.runs.into()));
+        let without = (TrialKind::Nothing, self.runs.into());
+        let unknown = (TrialKind::Unknown(UNKNOWN_STRENGTH), usize::from(self.runs).div_ceil(RUNS_OF_UNKNOWN));
         let all = with_amplitude.chain([without, unknown]);
         all.flat_map(|(kind, runs)| std::iter::repeat_n(kind, runs)).collect()
     }
 
+    /// Numbers of the runs of this shard.
+    pub(crate) fn numbers(&self) -> Vec<usize> {
+        (self.shard.index..self.kinds().len()).step_by(self.shard.count).collect()
+    }
+
     /// Number of diagnoses.
     pub fn count(&self) -> usize {
-        self.kinds().len()
+        self.numbers().len()
     }
 }
 
@@ -97,7 +116,7 @@ pub struct Group {
     /// The kind.
     pub kind: TrialKind,
     /// The runs.
-    pub runs: Vec<TrialRun>,
+    pub runs: Vec<TrialRecord>,
 }
 
 /// All groups.
@@ -116,8 +135,9 @@ pub fn campaign(
     plan: &CampaignPlan,
     done: &(dyn Fn() + Sync),
 ) -> Result<BlindCampaign, MeasuredError> {
-    let kinds = plan.kinds();
-    let trial = |index: usize| -> Result<TrialRun, MeasuredError> {
+    let (kinds, numbers) = (plan.kinds(), plan.numbers());
+    let trial = |place: usize| -> Result<TrialRecord, MeasuredError> {
+        let index = numbers[place];
         let mut generator = TrialGenerator::new(motion, plan.seed, index as u64);
         let injected: Vec<InjectedEffect> = match kinds[index] {
             TrialKind::Amplitude(strength) => generator.amplitude(strength).into_iter().collect(),
@@ -129,18 +149,12 @@ pub fn campaign(
         let diagnosis = motion.diagnose(&recording)?;
         let run = TrialRun::new(motion, injected, &diagnosis, start.elapsed().as_secs_f64());
         done();
-        Ok(run)
+        Ok(TrialRecord::from(&run))
     };
     // Thresholds first, on all cores.
     motion.diagnose(&TrialGenerator::new(motion, plan.seed, kinds.len() as u64).simulate(&[]))?;
-    let mut groups: Vec<Group> = Vec::new();
-    for (kind, run) in kinds.iter().zip(on_threads(plan.threads, kinds.len(), &trial)) {
-        match groups.last_mut() {
-            Some(group) if group.kind == *kind => group.runs.push(run?),
-            _ => groups.push(Group { kind: *kind, runs: vec![run?] }),
-        }
-    }
-    Ok(BlindCampaign { groups })
+    let runs = on_threads(plan.threads, numbers.len(), &trial).into_iter().collect::<Result<Vec<_>, _>>()?;
+    Ok(BlindCampaign::of(numbers.iter().map(|&number| kinds[number]).zip(runs)))
 }
 
 /// Runs jobs on threads, each with a pool of its own for the parallel parts of a job, so that the time of a diagnosis does not depend
@@ -181,7 +195,7 @@ impl TrialRun {
     }
 
     /// Isolation of the injected effect.
-    pub(super) fn isolation(&self) -> IsolationResult {
+    fn isolation(&self) -> IsolationResult {
         self.score.outcomes.first().map_or(IsolationResult::Missed, |outcome| outcome.isolation)
     }
 
@@ -190,11 +204,6 @@ impl TrialRun {
         let is_wrong =
             |(index, cosine): (&usize, &f64)| self.result.missing[*index].formula.is_none() && *cosine <= SIMILAR;
         self.score.false_alarms.iter().zip(&self.cosines).any(is_wrong)
-    }
-
-    fn is_good(&self) -> bool {
-        let is_isolated = self.injected.is_empty() || self.isolation() >= IsolationResult::Group;
-        is_isolated && self.score.false_alarms.is_empty()
     }
 
     /// Label and value of each fact: injected and reported effects, and their similarity.
@@ -218,32 +227,27 @@ impl TrialRun {
         facts.extend(self.cosines.iter().map(|cosine| fact("cosine to injected", format!("{cosine:.3}"))));
         facts
     }
-
-    fn json(&self) -> Value {
-        let injected = self.injected.iter().zip(&self.score.outcomes).map(|(own, outcome)| {
-            let parameters = own.hypothesis.parameters().into_iter();
-            json!({
-                "code": own.code(), "formula": own.formula(), "gyros": own.gyros().names(), "strength": own.strength,
-                "parameters": parameters.map(|number| (number.name, json!(number.value))).collect::<Map<_, _>>(),
-                "naming": outcome.isolation.name(), "size": outcome.size, "assignments": own.assignments,
-            })
-        });
-        json!({
-            "hidden": injected.collect::<Vec<_>>(),
-            "verdict": self.result.verdict,
-            "said": self.result.missing.iter().map(ToString::to_string).collect::<Vec<_>>(),
-            "false_names": self.score.false_alarms,
-            "is_misnamed": self.is_wrong(),
-        })
-    }
 }
 
 impl BlindCampaign {
+    /// Runs in order, each with its kind.
+    pub(crate) fn of(runs: impl Iterator<Item = (TrialKind, TrialRecord)>) -> BlindCampaign {
+        let mut groups: Vec<Group> = Vec::new();
+        for (kind, run) in runs {
+            match groups.last_mut() {
+                Some(group) if group.kind == kind => group.runs.push(run),
+                _ => groups.push(Group { kind, runs: vec![run] }),
+            }
+        }
+        BlindCampaign { groups }
+    }
+
     /// Name and facts of every run with a missed or wrong effect or a false alarm.
     pub fn misses(&self) -> Vec<(String, Vec<(String, String)>)> {
         let misses = |group: &Group| {
             let bad = group.runs.iter().enumerate().filter(|(_, run)| !run.is_good());
-            bad.map(|(index, run)| (format!("{}, run {index}", group.kind.name()), run.facts())).collect::<Vec<_>>()
+            bad.map(|(index, run)| (format!("{}, run {index}", group.kind.name()), run.facts.clone()))
+                .collect::<Vec<_>>()
         };
         self.groups.iter().flat_map(misses).collect()
     }
@@ -257,7 +261,7 @@ impl BlindCampaign {
 
     /// Every run. Without times, so that the same seed yields the same JSON.
     pub fn json(&self) -> Value {
-        let group = |group: &Group| json!({ "hidden": group.kind.name(), "runs": group.runs.iter().map(TrialRun::json).collect::<Vec<_>>() });
+        let group = |group: &Group| json!({ "hidden": group.kind.name(), "runs": group.runs });
         json!({ "groups": self.groups.iter().map(group).collect::<Vec<_>>() })
     }
 }

@@ -11,14 +11,16 @@
 
 mod campaign;
 mod injected;
+mod record;
 mod score;
 mod simulate;
 mod survey;
 mod tables;
 mod trial;
 
-pub use campaign::{BlindCampaign, CampaignPlan, Group, TrialKind, TrialRun, campaign, on_threads};
+pub use campaign::{BlindCampaign, CampaignPlan, Group, Shard, TrialKind, TrialRun, campaign, on_threads};
 pub use injected::{AnswerKey, FieldError, InjectedEffect, Origin};
+pub use record::{MergeError, ShardFile, TrialRecord, merged};
 pub use score::{EffectScore, IsolationResult, ReportedDiagnosis, Score, SizeError, score};
 pub use simulate::{SimulatedRecording, simulate};
 pub use survey::{SURVEY_S, TrialMotion};

@@ -63,7 +63,8 @@ impl ReportedDiagnosis {
 }
 
 /// Isolation of an injected effect, the worst first.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(into = "&'static str", try_from = "String")]
 pub enum IsolationResult {
     /// Not detected.
     Missed,
@@ -90,8 +91,25 @@ impl IsolationResult {
     }
 }
 
+impl From<IsolationResult> for &'static str {
+    fn from(result: IsolationResult) -> &'static str {
+        result.name()
+    }
+}
+
+impl TryFrom<String> for IsolationResult {
+    type Error = String;
+
+    fn try_from(name: String) -> Result<IsolationResult, String> {
+        use IsolationResult::{Group, Missed, Right, Unnamed, Wrong};
+        let all = [Missed, Unnamed, Wrong, Group, Right];
+        let expected = || format!("expected one of {}, got {name}", all.map(IsolationResult::name).join("; "));
+        all.into_iter().find(|own| own.name() == name).ok_or_else(expected)
+    }
+}
+
 /// Error of the estimated amplitude.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct SizeError {
     /// Estimated minus injected.
     pub error: f64,

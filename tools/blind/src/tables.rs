@@ -1,6 +1,7 @@
 //! Tables of a campaign, in Markdown.
 
-use crate::campaign::{BlindCampaign, Group, TrialKind, TrialRun};
+use crate::campaign::{BlindCampaign, Group, TrialKind};
+use crate::record::TrialRecord;
 use crate::score::IsolationResult;
 use geu_diagnosis::outcome::Verdict;
 
@@ -32,18 +33,18 @@ impl BlindCampaign {
 }
 
 impl Group {
-    fn share(&self, is: impl Fn(&TrialRun) -> bool) -> String {
+    fn share(&self, is: impl Fn(&TrialRecord) -> bool) -> String {
         share(self.count(is), self.runs.len())
     }
 
-    fn count(&self, is: impl Fn(&TrialRun) -> bool) -> usize {
+    fn count(&self, is: impl Fn(&TrialRecord) -> bool) -> usize {
         self.runs.iter().filter(|run| is(run)).count()
     }
 
     fn amplitude_cells(&self) -> Vec<String> {
         let detected = self.count(|run| run.isolation() >= IsolationResult::Unnamed);
         let isolated = |min| share(self.count(|run| run.isolation() >= min), detected);
-        let outcomes = self.runs.iter().flat_map(|run| &run.score.outcomes);
+        let outcomes = self.runs.iter().flat_map(|run| &run.hidden);
         let sizes: Vec<_> = outcomes.filter_map(|outcome| outcome.size).collect();
         let squares: f64 = sizes.iter().map(|size| (size.error / size.bound).powi(2)).sum();
         let rms = match sizes.len() {
@@ -55,24 +56,24 @@ impl Group {
             share(detected, self.runs.len()),
             isolated(IsolationResult::Right),
             isolated(IsolationResult::Group),
-            self.share(|run| run.isolation() >= IsolationResult::Group && !run.score.false_alarms.is_empty()),
+            self.share(|run| run.isolation() >= IsolationResult::Group && !run.false_names.is_empty()),
             rms,
             share(within, sizes.len()),
         ]
     }
 
     fn nothing_cells(&self) -> Vec<String> {
-        let false_alarms = self.share(|run| !run.result.missing.is_empty());
-        vec![false_alarms, self.share(|run| run.result.verdict == Verdict::Unexplained)]
+        let false_alarms = self.share(|run| !run.said.is_empty());
+        vec![false_alarms, self.share(|run| run.verdict == Verdict::Unexplained)]
     }
 
     fn unknown_cells(&self) -> Vec<String> {
         vec![
             self.share(|run| run.isolation() >= IsolationResult::Unnamed),
-            self.share(|run| run.isolation() >= IsolationResult::Group && !run.is_wrong()),
-            self.share(|run| run.isolation() == IsolationResult::Wrong && !run.is_wrong()),
+            self.share(|run| run.isolation() >= IsolationResult::Group && !run.is_misnamed),
+            self.share(|run| run.isolation() == IsolationResult::Wrong && !run.is_misnamed),
             self.share(|run| run.isolation() == IsolationResult::Unnamed),
-            self.share(TrialRun::is_wrong),
+            self.share(|run| run.is_misnamed),
         ]
     }
 }

@@ -5,11 +5,13 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 use geu_blind::{
-    AnswerKey, CampaignPlan, InjectedEffect, ReportedDiagnosis, SURVEY_S, TrialMotion, campaign, generate_trial, score,
+    AnswerKey, BlindCampaign, CampaignPlan, InjectedEffect, MergeError, ReportedDiagnosis, SURVEY_S, Shard, ShardFile,
+    TrialMotion, campaign, generate_trial, merged, score,
 };
 use geu_diagnosis::Verdict;
 use geu_diagnosis::report::labelled;
 use indicatif::ProgressBar;
+use serde_json::json;
 
 use crate::command_error::{CommandError, say};
 use crate::output_guard::Force;
@@ -28,6 +30,7 @@ enum Command {
     Hide(HideArguments),
     Score(ScoreArguments),
     Campaign(CampaignArguments),
+    Merge(MergeArguments),
 }
 
 /// Writes a recording with zero to three injected effects, and the answer key.
@@ -71,6 +74,8 @@ struct ScoreArguments {
 ///
 /// There are N runs of each signal-to-noise ratio with one amplitude of the catalogue, N runs without an effect, and N/4 with a
 /// term outside the catalogue at 12 times the bound. The thresholds come from one recording without an effect.
+///
+/// With --shard I/N one of N parts is run, of which `geu blind merge` makes the whole campaign.
 #[derive(Args, Debug)]
 struct CampaignArguments {
     #[command(flatten)]
@@ -96,6 +101,33 @@ struct CampaignArguments {
     /// Threads [default: one for each core]; the result is the same
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
+    /// Run one of N parts, and write it to the file of --json for `geu blind merge`
+    #[arg(long, value_name = "I/N", value_parser = shard, requires = "json", conflicts_with = "markdown")]
+    shard: Option<Shard>,
+}
+
+/// Merges all parts of a campaign; tables and JSON are those of the whole campaign.
+#[derive(Args, Debug)]
+struct MergeArguments {
+    /// Files of `geu blind campaign --shard`, in any order
+    #[arg(value_name = "FILE", required = true)]
+    shards: Vec<PathBuf>,
+    /// Write every run as JSON
+    #[arg(long, value_name = "FILE")]
+    json: Option<OutputFile>,
+}
+
+/// Largest number of shards.
+const MAX_SHARDS: usize = 10_000;
+
+fn shard(text: &str) -> Result<Shard, String> {
+    let parts = text.split_once('/').and_then(|(index, count)| Some((index.parse().ok()?, count.parse().ok()?)));
+    match parts {
+        Some((index, count)) if (1..=count).contains(&index) && count <= MAX_SHARDS => {
+            Ok(Shard { index: index - 1, count })
+        }
+        _ => Err(format!("expected a part from 1 to N, and N up to {MAX_SHARDS}, such as 2/8")),
+    }
 }
 
 /// Runs `geu blind`.
@@ -107,6 +139,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         Command::Hide(arguments) => write_trials(arguments),
         Command::Score(arguments) => print_score(arguments),
         Command::Campaign(arguments) => run_campaign(arguments),
+        Command::Merge(arguments) => merge(arguments),
     }
 }
 
@@ -179,15 +212,17 @@ fn print_score(arguments: &ScoreArguments) -> Result<(), CommandError> {
 fn run_campaign(arguments: &CampaignArguments) -> Result<(), CommandError> {
     let survey = survey(&arguments.unit, arguments.duration)?;
     let threads = arguments.threads.map_or_else(rayon::current_num_threads, usize::from);
-    let plan =
-        CampaignPlan { seed: arguments.seed, runs: arguments.runs.into(), strengths: arguments.sizes.clone(), threads };
+    let shard = arguments.shard.unwrap_or(Shard::WHOLE);
+    let (runs, strengths) = (arguments.runs, arguments.sizes.clone());
+    let plan = CampaignPlan { seed: arguments.seed, runs, strengths, threads, shard };
     let bar = ProgressBar::new(plan.count() as u64);
     let campaign = campaign(&survey, &plan, &|| bar.inc(1)).map_err(CommandError::failed)?;
     bar.finish_and_clear();
-    if let Some(path) = &arguments.json {
-        path.write(format!("{:#}\n", campaign.json()))?;
+    if let (Some(_), Some(path)) = (arguments.shard, &arguments.json) {
+        let file = ShardFile::new(&plan, survey.nominal.to_toml(false), arguments.duration, campaign);
+        return path.write(format!("{:#}\n", json!(file)));
     }
-    say!("{}", campaign.tables().trim_end())?;
+    write_campaign(&campaign, arguments.json.as_ref())?;
     if arguments.markdown {
         return Ok(());
     }
@@ -195,4 +230,28 @@ fn run_campaign(arguments: &CampaignArguments) -> Result<(), CommandError> {
     say!("\nmissed or wrongly isolated: {}", misses.len())?;
     misses.iter().try_for_each(|(run, facts)| say!("- {run}\n{}", labelled(4, facts).trim_end()))?;
     say!("\nmedian time of a diagnosis on one core with stored thresholds: {:.1} s", campaign.median_s())
+}
+
+fn write_campaign(campaign: &BlindCampaign, json: Option<&OutputFile>) -> Result<(), CommandError> {
+    if let Some(path) = json {
+        path.write(format!("{:#}\n", campaign.json()))?;
+    }
+    say!("{}", campaign.tables().trim_end())
+}
+
+fn merge(arguments: &MergeArguments) -> Result<(), CommandError> {
+    const EXPECTED: &str = "a file of `geu blind campaign --shard`";
+    let at = |path: &PathBuf, error: String| CommandError::input(format!("{}: {error}", path.display()));
+    let read = |path: &PathBuf| -> Result<ShardFile, CommandError> {
+        let read = serde_json::from_str(&read_text(path, EXPECTED)?);
+        read.map_err(|error| at(path, format!("expected {EXPECTED}: {error}")))
+    };
+    let shards = arguments.shards.iter().map(read).collect::<Result<Vec<_>, _>>()?;
+    let campaign = merged(&shards).map_err(|error| match error {
+        MergeError::Differs { file, .. } | MergeError::Damaged { file, .. } => {
+            at(&arguments.shards[file], error.to_string())
+        }
+        MergeError::Times { .. } => CommandError::input(error),
+    })?;
+    write_campaign(&campaign, arguments.json.as_ref())
 }
