@@ -37,7 +37,7 @@ pub struct Arguments {
     /// File to write instead of standard output.
     #[arg(long, value_name = "FILE")]
     out: Option<OutputFile>,
-    /// Base of the CAN identifiers in the database, hexadecimal.
+    /// Base of the CAN identifiers in the database and in the XTCE document, hexadecimal.
     #[arg(long, value_parser = can_base, default_value = "1A0")]
     base: CanIdMap,
     /// Name or description of another unit than the default one (`geu device list`).
