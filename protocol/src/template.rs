@@ -10,7 +10,8 @@ macro_rules! map {
     };
 }
 
-/// The filters that all templates have: `dec: n` and `plus: n` format a number with n decimals, `hex` one as two digits.
+/// The filters that all templates have: `dec: n` and `plus: n` format a number with n decimals, `hex` one as two digits; `xml` is the text
+/// in a document or an attribute of XML.
 pub fn engine() -> Engine<'static> {
     let mut engine = Engine::new();
     engine.add_filter("dec", |number: f64, decimals: usize| format!("{number:.decimals$}"));
@@ -21,6 +22,9 @@ pub fn engine() -> Engine<'static> {
         |id: i64, is_extended: bool| if is_extended { format!("{id:08X}") } else { format!("{id:03X}") },
     );
     engine.add_filter("lower", str::to_lowercase);
+    engine.add_filter("xml", |text: &str| {
+        text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+    });
     engine.add_filter("constant", |text: &str| text.replace(' ', "_").to_uppercase());
     engine
 }

@@ -264,3 +264,70 @@ fn signals(name: &str) -> Vec<(&'static str, &'static str)> {
         _ => panic!("{name}: the signals of this unit are not listed"),
     }
 }
+
+/// A unit with fields that XTCE or COSMOS expresses in another way than others.
+fn unit_with(frames: &str) -> Device {
+    let text = format!(
+        "[device]\nname = \"<A & \\\"B\\\">\"\nsource = \"none\"\ninterval_s = 1.0\noutput = \"increment\"\nrange_arcsec_s = 36.0\n\
+         [[device.head]]\nname = \"X\"\ninput = [1, 0, 0]\n[device.serial]\n{frames}"
+    );
+    Device::parse("own.toml", &text, &|_| Err("no file".to_owned())).unwrap_or_else(|error| panic!("{error}"))
+}
+
+#[test]
+fn ground_systems_have_a_packet_for_each_frame() {
+    for (name, device) in units().into_iter().filter(|(_, device)| device.has_link()) {
+        let prefix = prefix(&name);
+        let ground = device.wire(&prefix).ground();
+        let (xtce, cosmos) = (ground.xtce().unwrap_or_else(|error| panic!("{name}: {error}")), ground.cosmos());
+        for frame in links(&device).flat_map(|(_, set)| &set.frames) {
+            assert_eq!(xtce.matches(&format!("<SequenceContainer name=\"{}\"", frame.name)).count(), 1, "{name}");
+            assert_eq!(
+                cosmos.matches(&format!("TELEMETRY {} {} ", prefix.to_uppercase(), frame.name.to_uppercase())).count(),
+                1
+            );
+        }
+    }
+}
+
+#[test]
+fn what_xtce_cannot_express_is_an_error_with_its_place() {
+    let parts = "{ head = \"X\", type = \"i16be\", unit = \"arcsec\" }, { type = \"u16le\", parts = [{ value = \"sequence\", first = 4, \
+                 length = 8 }, { ignored = 0, first = 0, length = 4 }, { ignored = 0, first = 12, length = 4 }] }, { crc = \"CRC-16/XMODEM\", type = \"u16le\" }";
+    let crossing =
+        unit_with(&format!("[[device.serial.frame]]\nname = \"F\"\nfields = [{{ constant = \"A5\" }}, {parts}]\n"));
+    let ground = crossing.wire("own").ground();
+    let error = ground.xtce().unwrap_err();
+    assert!(error.starts_with("F, sequence: XTCE expects ") && error.ends_with("from byte 3 on"), "{error}");
+    let cosmos = ground.cosmos();
+    assert!(cosmos.contains("packet.read('SEQUENCE_PART_0') * 1 + packet.read('SEQUENCE_PART_1') * 16\n"), "{cosmos}");
+    assert!(cosmos.contains("CrcProtocol nil false ERROR -16 16 LITTLE_ENDIAN 0x1021 0x0 false false"), "{cosmos}");
+
+    // The second and third frame differ behind a field of the first, the last two behind the end of the first.
+    let frame = |name: &str, fields: &str| {
+        format!(
+            "[[device.serial.frame]]\nname = \"{name}\"\nfields = [{{ constant = \"A5\" }}, {fields}, {{ crc = \"xor\", type = \"u8\" }}]\n"
+        )
+    };
+    let first = frame("A", "{ constant = \"01\" }, { head = \"X\", type = \"i16be\", unit = \"arcsec\" }");
+    let other = |name, constant| {
+        frame(name, &format!("{{ constant = \"{constant}\" }}, {{ value = \"sensor\", type = \"i16be\" }}"))
+    };
+    let xtce = unit_with(&(first.clone() + &other("B", "02 01") + &other("C", "02 02"))).wire("own").ground().xtce();
+    let xtce = xtce.unwrap();
+    assert_eq!(xtce.matches("referenceLocation").count(), 6, "{xtce}");
+    assert!(xtce.contains("<LongDescription>&lt;A &amp; 'B'&gt;. Source: none;"), "{xtce}");
+    let far = |name, constant| {
+        frame(
+            name,
+            &format!(
+                "{{ constant = \"02\" }}, {{ value = \"sensor\", type = \"i32be\" }}, {{ constant = \"{constant}\" }}"
+            ),
+        )
+    };
+    let error = unit_with(&(first + &far("D", "03") + &far("E", "04"))).wire("own").ground().xtce().unwrap_err();
+    assert_eq!(
+        error,
+        "E: XTCE expects a constant that distinguishes it from D, within the length of each frame, got none"
+    );
+}

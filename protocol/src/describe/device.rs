@@ -16,6 +16,8 @@ pub struct Wire<'a> {
     pub heads: Vec<(&'a str, [f64; 3])>,
     /// In words: output, interval, range.
     pub output: String,
+    /// Largest output, arcsec or arcsec/s.
+    pub range: f64,
     /// Names of the links, their rates, and their frames.
     pub links: Vec<(&'a str, u32, &'a FrameSet)>,
 }
@@ -46,11 +48,14 @@ impl Wire<'_> {
         });
         let values = self.links.first().map(|(.., set)| &set.values[..]).unwrap_or_default();
         let values = values.iter().map(|value| map! { name: value.name.clone() });
-        // Neither text may end a comment or a string of a program.
-        let plain = |text: &str| text.replace(['"', '\\'], "'").replace("*/", "* /").replace(char::is_control, " ");
         map! { prefix: self.prefix, title: plain(self.title), source: plain(self.source), output: self.output.clone(),
         heads: heads.collect::<Value>(), values: values.collect::<Value>(), links: links.collect::<Value>() }
     }
+}
+
+/// A text that ends neither a comment nor a string of a program.
+pub(super) fn plain(text: &str) -> String {
+    text.replace(['"', '\\'], "'").replace("*/", "* /").replace(char::is_control, " ")
 }
 
 fn frame(frame: &Frame, set: &FrameSet) -> Value {

@@ -1,4 +1,5 @@
-//! Descriptions of the link for other tools: a CAN database, a C header, a Wireshark dissector, a document.
+//! Descriptions of the link for other tools: a CAN database, a C header, a Wireshark dissector, a document, and the packets for ground
+//! systems (XTCE, COSMOS).
 //!
 //! Each output is a template filled with the tables in [`crate::field`], [`crate::message`] and [`crate::command`]. The
 //! results are in the root of this crate (`geu.dbc`, `geu.h`, `geu.lua`, `ICD.md`); a test compares each with its generator.
@@ -8,11 +9,15 @@
 //! assert!(describe::dbc(CanIdMap::default()).contains("BO_ 416 INCREMENTS: 8 GEU"));
 //! ```
 
+mod cosmos;
 mod dbc;
 mod device;
+mod packet;
 mod tables;
+mod xtce;
 
 pub use device::Wire;
+pub use packet::{Ground, ground};
 
 use crate::can::CanIdMap;
 use crate::template::{engine, filled};

@@ -112,6 +112,18 @@ impl BitField {
         self.at + self.length
     }
 
+    /// First bit, counted from the highest bit of byte 0, where the number is one run of bits from the highest to the lowest or
+    /// whole bytes; `None` for other little-endian bits.
+    pub fn first_bit(&self) -> Option<usize> {
+        let (low, high) = (self.shift as usize, (self.shift + self.bits) as usize);
+        let is_whole = low.is_multiple_of(8) && high.is_multiple_of(8);
+        match self.is_little_endian {
+            false => Some(8 * self.end() - high),
+            true if low / 8 == (high - 1) / 8 => Some(8 * (self.at + 2 * (low / 8) + 1) - high),
+            true => is_whole.then_some(8 * self.at + low),
+        }
+    }
+
     fn mask(&self) -> u64 {
         u64::MAX >> (64 - self.bits)
     }
@@ -232,6 +244,21 @@ mod tests {
         assert_eq!(read(52, 12, true, Coding::Signed), f64::from(0xF0D_i32 - 0x1000));
         assert_eq!(read(17, 10, false, Coding::Unsigned), f64::from(0b10_0111_1000));
         assert_eq!(BitField::signal(3, 64, false, Coding::Unsigned), None);
+    }
+
+    #[test]
+    fn the_first_bit_is_counted_from_the_highest_bit_of_the_first_byte() {
+        let first = |name, bit, bits| {
+            let number = BitField::bytes(3, Number::from_name(name).unwrap());
+            if bits == 0 { number.first_bit() } else { number.bits_of(bit, bits).first_bit() }
+        };
+        assert_eq!([first("i24be", 0, 0), first("i24le", 0, 0)], [Some(24); 2]);
+        assert_eq!([first("u16be", 4, 10), first("u32be", 31, 1)], [Some(26), Some(24)]);
+        assert_eq!(
+            [first("u16le", 15, 1), first("u16le", 0, 2), first("u32le", 8, 16)],
+            [Some(32), Some(30), Some(32)]
+        );
+        assert_eq!(first("u16le", 4, 10), None);
     }
 
     proptest! {

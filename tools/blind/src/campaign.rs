@@ -154,7 +154,7 @@ pub fn campaign(
     // Thresholds first, on all cores.
     motion.diagnose(&TrialGenerator::new(motion, plan.seed, kinds.len() as u64).simulate(&[]))?;
     let runs = on_threads(plan.threads, numbers.len(), &trial).into_iter().collect::<Result<Vec<_>, _>>()?;
-    Ok(BlindCampaign::of(numbers.iter().map(|&number| kinds[number]).zip(runs)))
+    Ok(BlindCampaign::from_runs(numbers.iter().map(|&number| kinds[number]).zip(runs)))
 }
 
 /// Runs jobs on threads, each with a pool of its own for the parallel parts of a job, so that the time of a diagnosis does not depend
@@ -231,7 +231,7 @@ impl TrialRun {
 
 impl BlindCampaign {
     /// Runs in order, each with its kind.
-    pub(crate) fn of(runs: impl Iterator<Item = (TrialKind, TrialRecord)>) -> BlindCampaign {
+    pub(crate) fn from_runs(runs: impl Iterator<Item = (TrialKind, TrialRecord)>) -> BlindCampaign {
         let mut groups: Vec<Group> = Vec::new();
         for (kind, run) in runs {
             match groups.last_mut() {

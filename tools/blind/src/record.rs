@@ -169,7 +169,7 @@ pub fn merged(shards: &[ShardFile]) -> Result<BlindCampaign, MergeError> {
     let kinds = first.plan().kinds();
     let run = |number: usize| of_index(1 + number % count).next().and_then(|own| own.trials.get(number / count));
     let runs = kinds.iter().enumerate().filter_map(|(number, kind)| Some((*kind, run(number)?.clone())));
-    Ok(BlindCampaign::of(runs))
+    Ok(BlindCampaign::from_runs(runs))
 }
 
 #[cfg(test)]

@@ -22,6 +22,10 @@ enum Format {
     Dissector,
     /// Interface control document (ICD.md).
     Icd,
+    /// Telemetry and commands for ground systems: CCSDS XTCE 1.2 (XML).
+    Xtce,
+    /// Telemetry and commands for OpenC3 COSMOS: a file of cmd_tlm, with the lines of plugin.txt as comments.
+    Cosmos,
 }
 
 /// Writes the definition of the link in the format of another tool.
@@ -33,7 +37,7 @@ pub struct Arguments {
     /// File to write instead of standard output.
     #[arg(long, value_name = "FILE")]
     out: Option<OutputFile>,
-    /// Base of the CAN identifiers in the database, hexadecimal.
+    /// Base of the CAN identifiers in the database and in the XTCE document, hexadecimal.
     #[arg(long, value_parser = can_base, default_value = "1A0")]
     base: CanIdMap,
     /// Name or description of another unit than the default one (`geu device list`).
@@ -52,6 +56,8 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         (None, Format::Header) => describe::header(),
         (None, Format::Dissector) => describe::dissector(),
         (None, Format::Icd) => describe::icd(),
+        (None, Format::Xtce) => describe::ground(arguments.base).xtce().map_err(CommandError::input)?,
+        (None, Format::Cosmos) => describe::ground(arguments.base).cosmos(),
     };
     match &arguments.out {
         Some(out) => out.write(text),
@@ -79,5 +85,7 @@ fn of_device(name: &str, device: &Device, format: Format) -> Result<String, Comm
         (Format::Header, _) => Ok(wire.header()),
         (Format::Dissector, _) => Ok(wire.dissector()),
         (Format::Icd, _) => Ok(wire.icd()),
+        (Format::Xtce, _) => wire.ground().xtce().map_err(|message| CommandError::input(format!("{name}: {message}"))),
+        (Format::Cosmos, _) => Ok(wire.ground().cosmos()),
     }
 }

@@ -42,7 +42,7 @@ class Device:
         return run("device", "show", self.name, "--toml")[0]
 
     def describe(self, what: str) -> str:
-        """A generated file: ``dbc``, ``header``, ``dissector`` or ``icd``."""
+        """A generated file: ``dbc``, ``header``, ``dissector``, ``icd``, ``xtce`` or ``cosmos``."""
         return run("describe", what, "--device", self.name)[0]
 
     def __repr__(self) -> str:

@@ -334,6 +334,7 @@ impl Device {
             source: &self.source,
             heads: self.heads.iter().map(|head| (head.gyro.name(), head.axes.input_control)).collect(),
             output: self.in_words(),
+            range: self.range_arcsec_s * if matches!(self.output, Output::Rate) { 1.0 } else { self.interval_s },
             links: serial.into_iter().chain(can).collect(),
         }
     }
