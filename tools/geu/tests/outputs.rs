@@ -44,8 +44,15 @@ const DIAGNOSE: &str = "--config @unit.toml --link @quarter/link.log --reference
 const AMBIGUOUS: &str =
     "--set gyro.GYRX.output-axis-acceleration.seconds=0.05 --link @quarter/link.log --reference @quarter/reference.csv";
 /// Options that name directories; `directories.rs` tests them.
-const DIRECTORIES: [&str; 6] =
-    ["blind hide --out", "checkout --out", "decode --partition", "run --record", "simulate --out", "simulate --svg"];
+const DIRECTORIES: [&str; 7] = [
+    "blind hide --out",
+    "checkout --out",
+    "decode --partition",
+    "man --out",
+    "run --record",
+    "simulate --out",
+    "simulate --svg",
+];
 
 struct TestDirectory(tempfile::TempDir);
 
