@@ -8,7 +8,7 @@ use crate::injected::InjectedEffect;
 use crate::score::{EffectScore, IsolationResult, SizeError};
 use geu_diagnosis::outcome::Verdict;
 
-/// What a campaign states of one run.
+/// Record of one run of a campaign.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TrialRecord {
     pub hidden: Vec<InjectedRecord>,
