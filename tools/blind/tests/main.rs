@@ -193,7 +193,7 @@ fn campaign_does_not_depend_on_threads_and_parts() {
         ShardFile::new(&plan, String::new(), SURVEY_S, campaign(&motion, &plan, &|| ()).expect("a part"))
     };
     assert_eq!(merged(&[part(1), part(0)]).expect("the whole").json(), all.json());
-    let strength = &all.groups[0].runs[0].hidden[0].effect["strength"];
+    let strength = &all.groups[0].runs[0].injected[0].effect["strength"];
     assert!((strength.as_f64().expect("an amplitude has one") - 12.0).abs() < 0.1);
     let tables = all.tables();
     assert!(
