@@ -1,6 +1,8 @@
 //! A campaign of blind trials: detection and isolation rates by strength, false alarms, terms outside the catalogue.
 
 use std::collections::BTreeMap;
+use std::iter::StepBy;
+use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::thread;
@@ -63,8 +65,10 @@ impl CampaignPlan {
     }
 
     /// Numbers of the runs of this shard.
-    pub(crate) fn numbers(&self) -> Vec<usize> {
-        (self.shard.index..self.kinds().len()).step_by(self.shard.count).collect()
+    fn numbers(&self) -> StepBy<Range<usize>> {
+        let runs = usize::from(self.runs);
+        let all = (self.strengths.len() + 1) * runs + runs.div_ceil(RUNS_OF_UNKNOWN);
+        (self.shard.index..all).step_by(self.shard.count)
     }
 
     /// Number of diagnoses.
@@ -135,7 +139,7 @@ pub fn campaign(
     plan: &CampaignPlan,
     done: &(dyn Fn() + Sync),
 ) -> Result<BlindCampaign, MeasuredError> {
-    let (kinds, numbers) = (plan.kinds(), plan.numbers());
+    let (kinds, numbers) = (plan.kinds(), plan.numbers().collect::<Vec<usize>>());
     let trial = |place: usize| -> Result<TrialRecord, MeasuredError> {
         let index = numbers[place];
         let mut generator = TrialGenerator::new(motion, plan.seed, index as u64);

@@ -34,9 +34,9 @@ const DURATIONS: [usize; 10] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32];
 /// Searched onsets of immediate effects, which end with the manoeuvre.
 const SUDDEN_ONSETS: usize = 4 * ONSETS;
 
-/// Variation of a temperature course, as a share of its largest value, below which it is a constant: the two differ by χ² of less than a
-/// thousandth of what they explain.
-const STEADY: f64 = 0.05;
+/// Variation of a temperature course, as a share of its largest value, below which it is a constant: of 50 K less than any thermometer of a unit
+/// resolves. The calibration parameters contain a constant, so that a larger variation alone is the signature of a drift.
+const STEADY: f64 = 1e-3;
 
 /// Time after which a step of a rate is as uncertain by the rate's own noise as by the angles, on the gyro with the largest noise: the
 /// whitening filter remembers no longer.
@@ -391,8 +391,8 @@ mod tests {
         };
         assert_eq!(courses(|_| 50.0), 0);
         assert_eq!(courses(|_| 0.0), 0);
-        // A step of 2 %: its rate varies.
-        assert_eq!(courses(|block| 50.0 + (block / 250) as f64), 1);
+        // A step.
+        assert_eq!(courses(|block| 50.0 + (block / 250) as f64), 2);
         assert_eq!(courses(|block| 50.0 + 4e-5 * (block * block) as f64), 2);
         // A constant rate of change.
         assert_eq!(courses(|block| 50.0 + 0.01 * block as f64), 1);

@@ -120,7 +120,9 @@ struct MergeArguments {
 const MAX_SHARDS: usize = 10_000;
 
 fn shard(text: &str) -> Result<Shard, String> {
-    let parts = text.split_once('/').and_then(|(index, count)| Some((index.parse().ok()?, count.parse().ok()?)));
+    let is_number = |own: &str| own.bytes().all(|byte| byte.is_ascii_digit());
+    let parts = text.split_once('/').filter(|(index, count)| is_number(index) && is_number(count));
+    let parts = parts.and_then(|(index, count)| Some((index.parse().ok()?, count.parse().ok()?)));
     match parts {
         Some((index, count)) if (1..=count).contains(&index) && count <= MAX_SHARDS => {
             Ok(Shard { index: index - 1, count })

@@ -12,6 +12,10 @@ const ROWS: usize = 3;
 const MIN_ARCSEC: f64 = 0.02;
 /// Share of a row from its start or end within which a jump belongs to that end.
 const AT_END: f64 = 1e-4;
+const BEFORE_END: f64 = 1.0 - AT_END;
+/// Shares of jumps at the start and end of a row, of which the rates beside it change.
+const FIRST: f64 = -1.0 / JUMP;
+const LAST: f64 = 1.0 - FIRST;
 
 /// A jump in a row, after this share of it; 1 at its end.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,14 +42,21 @@ pub fn rate_jumps(rows: &[AttitudeRow], unknown: &[usize]) -> Vec<RateJump> {
         match share {
             _ if !is_jump => None,
             // At the start, which is the end of the row before.
-            _ if share.abs() < AT_END => Some(RateJump { row: row - 1, share: 1.0 }),
-            _ if (share - 1.0).abs() < AT_END => Some(RateJump { row, share: 1.0 }),
-            0.0..1.0 => Some(RateJump { row, share }),
+            FIRST..=AT_END => Some(RateJump { row: row - 1, share: 1.0 }),
+            AT_END..BEFORE_END => Some(RateJump { row, share }),
+            BEFORE_END..=LAST => Some(RateJump { row, share: 1.0 }),
             _ => None,
         }
     };
     let mut jumps: Vec<RateJump> = (ROWS + 1..rows.len().saturating_sub(ROWS)).filter_map(jump).collect();
-    jumps.dedup_by_key(|jump| jump.row);
+    // A jump near the end of a row is seen from the next row too.
+    jumps.dedup_by(|next, kept| {
+        let is_same = next.row <= kept.row + 1;
+        if next.row == kept.row && next.share < 1.0 {
+            *kept = *next;
+        }
+        is_same
+    });
     jumps
 }
 
@@ -53,11 +64,12 @@ pub fn rate_jumps(rows: &[AttitudeRow], unknown: &[usize]) -> Vec<RateJump> {
 mod tests {
     use super::*;
 
-    /// Turns of rows each 10 ms by rates about X: one before a jump, and another that grows.
-    fn rows(jump_s: f64) -> Vec<AttitudeRow> {
-        let angle = |t_s: f64| match t_s - jump_s {
-            after if after > 0.0 => 3600.0 * jump_s - 7200.0 * after + 500.0 * after * after,
-            _ => 3600.0 * t_s,
+    /// Turns of rows each 10 ms by rates about X that change on both sides of a jump from 3600″/s to −7200″/s.
+    fn rows(jump_s: f64, [before, after]: [f64; 2]) -> Vec<AttitudeRow> {
+        let angle = |t_s: f64| {
+            let since_s = t_s - jump_s;
+            let [rate, change] = if since_s > 0.0 { [-7200.0, after] } else { [3600.0, before] };
+            rate * since_s + 0.5 * change * since_s * since_s
         };
         let row = |row: i32| {
             let (before_s, t_s) = (f64::from(row - 1) * 0.01, f64::from(row) * 0.01);
@@ -69,12 +81,17 @@ mod tests {
 
     #[test]
     fn a_jump_is_found_once_at_its_time() {
-        let [within, at_end] = [0.503, 0.51].map(|jump_s| rate_jumps(&rows(jump_s), &[]));
-        assert_eq!(at_end, [RateJump { row: 51, share: 1.0 }]);
-        assert_eq!((within.len(), within[0].row), (1, 51));
-        // The rate after it grows, which moves the time by a share of that growth.
-        assert!((within[0].share - 0.3).abs() < 0.005, "{within:?}");
-        assert!(rate_jumps(&rows(0.503), &[49]).is_empty());
-        assert!(rate_jumps(&rows(2.0), &[]).is_empty(), "no jump");
+        for changes in
+            [[0.0, 0.0], [0.0, 1000.0], [1000.0, 1000.0], [-1000.0, -1000.0], [2000.0, -2000.0], [-2000.0, 2000.0]]
+        {
+            for jump_s in [0.5, 0.5002, 0.503, 0.509, 0.51] {
+                let found = rate_jumps(&rows(jump_s, changes), &[]);
+                let [RateJump { row, share }] = found[..] else { panic!("{jump_s} {changes:?}: {found:?}") };
+                let found_s = 0.01 * (row as f64 - 1.0 + share);
+                assert!((found_s - jump_s).abs() < 2.5e-4, "{jump_s} {changes:?}: {found_s}");
+            }
+        }
+        assert!(rate_jumps(&rows(0.503, [0.0; 2]), &[49]).is_empty());
+        assert!(rate_jumps(&rows(2.0, [0.0; 2]), &[]).is_empty(), "no jump");
     }
 }

@@ -174,7 +174,7 @@ impl TrialRows {
                 let turn = rows[place - 1].angle_control_arcsec.map(|part| part * first_s / (before_s - two_before_s));
                 points.rows.push(AttitudeRow { t_s: before_s + first_s, angle_control_arcsec: turn, ..*row });
                 points.lines.push(line);
-                points.sigma_arcsec.extend(sigma.map(|sigma| sigma.map(|part| part * share)));
+                points.sigma_arcsec.extend(sigma.map(|sigma| sigma.map(|part| part * share.sqrt())));
                 (turn, share)
             });
             points.jumps.extend(share.map(|share| if share < 1.0 { points.rows.len() - 1 } else { points.rows.len() }));
@@ -182,7 +182,7 @@ impl TrialRows {
             let angle_control_arcsec = std::array::from_fn(|axis| row.angle_control_arcsec[axis] - turn[axis]);
             points.rows.push(AttitudeRow { angle_control_arcsec, ..*row });
             points.lines.push(line);
-            points.sigma_arcsec.extend(sigma.map(|sigma| sigma.map(|part| part * (1.0 - share))));
+            points.sigma_arcsec.extend(sigma.map(|sigma| sigma.map(|part| part * (1.0 - share).sqrt())));
         }
         points
     }
