@@ -3,7 +3,7 @@
 use std::fs::{self, File};
 use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;
-use std::os::unix::fs::symlink;
+use std::os::unix::fs::{MetadataExt, symlink};
 use std::path::Path;
 use std::process::{Child, Command};
 use std::thread::sleep;
@@ -15,7 +15,7 @@ use geu_protocol::serial::{FrameType, frame};
 use geu_tests::emulator::{Client, Emulator};
 use geu_tests::{geu, skipped};
 use nix::sys::signal::{Signal, kill};
-use nix::unistd::Pid;
+use nix::unistd::{Group, Pid, getegid};
 
 /// The limit of the interface control document.
 const REPLY_WITHIN: Duration = Duration::from_millis(20);
@@ -49,6 +49,21 @@ fn a_pty_gives_every_sample_and_a_client_that_comes_late_or_again_gets_the_prese
     assert!(again.is_without_gap());
     assert!(f64::from(again.samples[0].sequence) >= first + 4.0, "unread samples are not kept");
     assert_eq!(again.ask(&frame(FrameType::Command, &[1])).0.values(), [1, 0]);
+}
+
+#[test]
+fn a_group_may_open_the_pty_and_an_unknown_one_is_refused() {
+    let directory = directory();
+    let path = directory.path().join("geu0");
+    let own = Group::from_gid(getegid()).expect("groups are readable").expect("the own group has a name");
+    let arguments = ["--pty", path.to_str().unwrap(), "--pty-group", &own.name];
+    let emulator = Emulator::start(1, &arguments);
+    let slave = fs::metadata(&path).expect("a pty");
+    assert_eq!((slave.gid(), slave.mode() & 0o777), (own.gid.as_raw(), 0o660));
+    drop(emulator);
+    let output = geu().args(["run", "--pty-group", "no-such-group"]).output().expect("geu starts");
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(2) && message.contains("expected a group of this machine"), "{message}");
 }
 
 #[test]

@@ -63,9 +63,13 @@ pub(crate) fn doze_until(deadline_ns: i64) {
 /// # Errors
 /// The error of the kernel if it refuses.
 pub fn ask_for_realtime() -> Result<(), Errno> {
-    let parameter = nix::libc::sched_param { sched_priority: FIFO_PRIORITY };
-    // SAFETY: `parameter` is a valid sched_param that outlives the call; 0 is the calling thread.
-    Errno::result(unsafe { nix::libc::sched_setscheduler(0, nix::libc::SCHED_FIFO, &raw const parameter) }).map(drop)
+    // SAFETY: zeros are a valid sched_param, which has more fields in musl; it outlives the call. In musl sched_setscheduler only fails.
+    let code = unsafe {
+        let mut parameter: nix::libc::sched_param = std::mem::zeroed();
+        parameter.sched_priority = FIFO_PRIORITY;
+        nix::libc::pthread_setschedparam(nix::libc::pthread_self(), nix::libc::SCHED_FIFO, &raw const parameter)
+    };
+    if code == 0 { Ok(()) } else { Err(Errno::from_raw(code)) }
 }
 
 /// Ratio of on-board time to the wall clock.

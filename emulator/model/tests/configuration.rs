@@ -1,6 +1,7 @@
 //! Configurations: what is read comes back, and what is wrong is pointed at.
 
 use geu_model::Configuration;
+use geu_model::device::Device;
 use geu_model::effect::{GyroEffects, UnitEffects};
 
 fn refused(text: &str) -> String {
@@ -157,9 +158,22 @@ fn overrides_reach_into_a_list_however_it_is_written() {
 
 #[test]
 fn the_schema_knows_every_key_that_is_shown() {
-    let schema = Configuration::schema().to_string();
+    let schema = Configuration::schema(Device::iras()).to_string();
     for spec in GyroEffects::SPECS.iter().chain(UnitEffects::SPECS) {
         assert!(schema.contains(&format!("\"{}\"", spec.code)), "{}", spec.code);
     }
+    // An infinity is null where TOML is validated as JSON.
+    assert!(schema.contains(r#""null""#));
     assert!(schema.contains("\"drift-step\"") && schema.contains("\"arcsec_per_h_per_day\""));
+}
+
+#[test]
+fn the_schema_of_a_unit_has_its_heads_and_an_identifier_of_its_own() {
+    let schema = Configuration::schema(Device::iras());
+    assert_eq!(schema["$id"], concat!("urn:geu:configuration:", env!("CARGO_PKG_VERSION")));
+    let device = Device::from_name("mm5.10").expect("a known unit");
+    let schema = Configuration::schema(device.into());
+    assert_eq!(schema["$id"], concat!("urn:geu:configuration:", env!("CARGO_PKG_VERSION"), ":mm5.10"));
+    let heads: Vec<&String> = schema["properties"]["gyro"]["properties"].as_object().expect("heads").keys().collect();
+    assert_eq!(heads, ["X", "Z"]);
 }

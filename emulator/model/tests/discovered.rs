@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use geu_model::attitude::{AttitudeRow, RecordedAttitude};
+use geu_model::device::Device;
 use geu_model::effect::DISCOVERED_COLUMN;
 use geu_model::effect::discovered::{MAX_TERMS, Regressor};
 use geu_model::{Configuration, GyroUnit, Trace, Truth};
@@ -146,7 +147,9 @@ fn terms_read_back_from_both_forms_they_are_shown_in_and_in_one_spelling() {
     }
     assert!(!Configuration::reference().to_toml(false).contains("discovered"));
     assert!(
-        Configuration::schema().to_string().contains(r#"acceleration_z|temperature|sensor_temperature|theta|time"#)
+        Configuration::schema(Device::iras())
+            .to_string()
+            .contains(r#"acceleration_z|temperature|sensor_temperature|theta|time"#)
     );
 }
 

@@ -2,6 +2,7 @@
 
 use geu_model::Configuration;
 use geu_model::attitude::TruthNumbers;
+use geu_model::device::Device;
 
 #[test]
 fn numbers_of_a_truth_are_read_shown_described_and_limited() {
@@ -14,7 +15,7 @@ fn numbers_of_a_truth_are_read_shown_described_and_limited() {
         assert!(shown.contains("[truth]\n") && shown.contains("max_rate_deg_s = 30.0"), "{shown}");
         assert_eq!(Configuration::parse("shown", &shown, &[]).expect("valid"), configuration);
     }
-    let schema = &Configuration::schema()["properties"]["truth"]["properties"]["max_rate_deg_s"];
+    let schema = &Configuration::schema(Device::iras())["properties"]["truth"]["properties"]["max_rate_deg_s"];
     assert_eq!((schema["default"].as_f64(), schema["maximum"].as_f64()), (Some(100.0), Some(3600.0)), "{schema}");
     let message = Configuration::parse("test.toml", "[truth]\nmax_rate_deg_s = 0\n", &[]).expect_err("too small");
     assert!(message.to_string().contains("truth.max_rate_deg_s"), "{message}");

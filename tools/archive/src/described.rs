@@ -98,8 +98,9 @@ impl Columns for DeviceColumns {
     }
 }
 
-fn type_of(kind: ColumnKind) -> DataType {
+pub fn type_of(kind: ColumnKind) -> DataType {
     match kind {
+        ColumnKind::Text => DataType::Utf8,
         ColumnKind::Flag => DataType::Boolean,
         ColumnKind::Whole => DataType::Int64,
         _ => DataType::Float64,

@@ -7,10 +7,12 @@
 pub use arrow_array::RecordBatch;
 pub use arrow_schema::SchemaRef;
 
+mod cells;
 mod columns;
 mod described;
 mod file;
 
+pub use cells::CellColumns;
 pub use columns::{Columns, UnitColumns};
 pub use described::DeviceColumns;
 pub use file::{BatchFile, FileFormat, Partition};

@@ -8,10 +8,11 @@ use crate::injected::InjectedEffect;
 use crate::score::{EffectScore, IsolationResult, SizeError};
 use geu_diagnosis::outcome::Verdict;
 
-/// What a campaign states of one run.
+/// Record of one run of a campaign.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TrialRecord {
-    pub hidden: Vec<InjectedRecord>,
+    #[serde(rename = "hidden")]
+    pub injected: Vec<InjectedRecord>,
     pub verdict: Verdict,
     /// Effects reported as missing in the model.
     pub said: Vec<String>,
@@ -53,7 +54,7 @@ impl From<&TrialRun> for TrialRecord {
             InjectedRecord { naming: outcome.isolation, size: outcome.size, effect }
         };
         TrialRecord {
-            hidden: run.injected.iter().zip(&run.score.outcomes).map(effect).collect(),
+            injected: run.injected.iter().zip(&run.score.outcomes).map(effect).collect(),
             verdict: run.result.verdict,
             said: run.result.missing.iter().map(ToString::to_string).collect(),
             false_names: run.score.false_alarms.clone(),
@@ -67,11 +68,11 @@ impl From<&TrialRun> for TrialRecord {
 impl TrialRecord {
     /// Isolation of the injected effect.
     pub fn isolation(&self) -> IsolationResult {
-        self.hidden.first().map_or(IsolationResult::Missed, |effect| effect.naming)
+        self.injected.first().map_or(IsolationResult::Missed, |effect| effect.naming)
     }
 
     pub fn is_good(&self) -> bool {
-        let is_isolated = self.hidden.is_empty() || self.isolation() >= IsolationResult::Group;
+        let is_isolated = self.injected.is_empty() || self.isolation() >= IsolationResult::Group;
         is_isolated && self.false_names.is_empty()
     }
 }
@@ -179,14 +180,19 @@ mod tests {
     /// Part `index` of a campaign of one strength: runs 0 and 1 of it, 2 and 3 without an effect, 4 outside the catalogue. Each run says its number.
     fn part(index: usize, count: usize) -> ShardFile {
         let trial = |number: usize| {
-            let hidden = if number < 2 {
-                json!([{"naming": "right group", "size": {"error": 0.1, "sigma": 0.30000000000000004, "bound": 1e-7}, "code": "drift"}])
-            } else {
-                json!([])
-            };
-            json!({"hidden": hidden, "verdict": "consistent", "said": [number.to_string()], "false_names": [], "is_misnamed": false})
+            let size = SizeError { error: 0.1, sigma: 0.30000000000000004, bound: 1e-7 };
+            let effect = InjectedRecord { naming: IsolationResult::Group, size: Some(size), effect: Map::new() };
+            TrialRecord {
+                injected: if number < 2 { vec![effect] } else { Vec::new() },
+                verdict: Verdict::Consistent,
+                said: vec![number.to_string()],
+                false_names: Vec::new(),
+                is_misnamed: false,
+                facts: Vec::new(),
+                seconds: 0.0,
+            }
         };
-        let trials: Vec<Value> = (index - 1..5).step_by(count).map(trial).collect();
+        let trials: Vec<TrialRecord> = (index - 1..5).step_by(count).map(trial).collect();
         serde_json::from_value(json!({
             "version": "0.1.0", "shard": [index, count], "seed": 3, "runs": 2, "sizes": [6.0], "duration_s": 900.0,
             "configuration": "seed = 1\n", "trials": trials,

@@ -44,7 +44,7 @@ impl Group {
     fn amplitude_cells(&self) -> Vec<String> {
         let detected = self.count(|run| run.isolation() >= IsolationResult::Unnamed);
         let isolated = |min| share(self.count(|run| run.isolation() >= min), detected);
-        let outcomes = self.runs.iter().flat_map(|run| &run.hidden);
+        let outcomes = self.runs.iter().flat_map(|run| &run.injected);
         let sizes: Vec<_> = outcomes.filter_map(|outcome| outcome.size).collect();
         let squares: f64 = sizes.iter().map(|size| (size.error / size.bound).powi(2)).sum();
         let rms = match sizes.len() {

@@ -1,8 +1,8 @@
 //! The blind trial: keys, scores, and campaigns that do not depend on the number of threads.
 
 use geu_blind::{
-    AnswerKey, CampaignPlan, InjectedEffect, IsolationResult, Origin, ReportedDiagnosis, SURVEY_S, SimulatedRecording,
-    TrialMotion, campaign, generate_trial, score, simulate,
+    AnswerKey, CampaignPlan, InjectedEffect, IsolationResult, Origin, ReportedDiagnosis, SURVEY_S, Shard, ShardFile,
+    SimulatedRecording, TrialMotion, campaign, generate_trial, merged, score, simulate,
 };
 use geu_diagnosis::outcome::{Class, EstimatedValue};
 use geu_diagnosis::{DiagnosisOptions, diagnose_rows};
@@ -183,15 +183,18 @@ fn lagged_temperature_changes_the_signature() {
 }
 
 #[test]
-fn campaign_does_not_depend_on_the_number_of_threads() {
+fn campaign_does_not_depend_on_threads_and_parts() {
     let motion = motion();
-    let plan = CampaignPlan { seed: 3, runs: 4, strengths: vec![12.0], threads: 2 };
+    let plan = CampaignPlan { seed: 3, runs: 4, strengths: vec![12.0], threads: 2, shard: Shard::WHOLE };
     let all = campaign(&motion, &plan, &|| ()).expect("a campaign");
     assert_eq!(all.groups.iter().map(|group| group.runs.len()).collect::<Vec<_>>(), [4, 4, 1]);
-    let one = campaign(&motion, &CampaignPlan { runs: 1, threads: 1, ..plan }, &|| ()).expect("a campaign");
-    let (first, again) = (&all.groups[0].runs[0], &one.groups[0].runs[0]);
-    assert_eq!((&first.injected, &first.result, &first.score), (&again.injected, &again.result, &again.score));
-    assert!((first.injected[0].strength.expect("an amplitude has one") - 12.0).abs() < 0.1);
+    let part = |index: usize| {
+        let plan = CampaignPlan { threads: 1, shard: Shard { index, count: 2 }, ..plan.clone() };
+        ShardFile::new(&plan, String::new(), SURVEY_S, campaign(&motion, &plan, &|| ()).expect("a part"))
+    };
+    assert_eq!(merged(&[part(1), part(0)]).expect("the whole").json(), all.json());
+    let strength = &all.groups[0].runs[0].injected[0].effect["strength"];
+    assert!((strength.as_f64().expect("an amplitude has one") - 12.0).abs() < 0.1);
     let tables = all.tables();
     assert!(
         tables.contains("| effect, 12× | ") && tables.contains("| nothing | ") && tables.contains("| outside"),

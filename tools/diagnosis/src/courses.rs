@@ -393,6 +393,8 @@ mod tests {
         assert_eq!(courses(|_| 0.0), 0);
         // A step of 2 %: its rate varies.
         assert_eq!(courses(|block| 50.0 + (block / 250) as f64), 1);
-        assert_eq!(courses(|block| 50.0 + 0.01 * block as f64), 2);
+        assert_eq!(courses(|block| 50.0 + 4e-5 * (block * block) as f64), 2);
+        // A constant rate of change.
+        assert_eq!(courses(|block| 50.0 + 0.01 * block as f64), 1);
     }
 }

@@ -1,6 +1,5 @@
 //! `geu blind`: blind trials of the diagnosis with randomly injected effects.
 
-use std::fs;
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
@@ -15,7 +14,7 @@ use serde_json::json;
 
 use crate::command_error::{CommandError, say};
 use crate::output_guard::Force;
-use crate::outputs::{OutputDirectory, OutputFile, write};
+use crate::outputs::{OutputDirectory, OutputFile, create_directory, write};
 use crate::settings::{ConfigArgs, NamedConfigArgs, duration, number, read_text, seed};
 
 /// Blind trials: injects random effects, scores a diagnosis, and runs campaigns of both.
@@ -163,9 +162,7 @@ fn write_trials(arguments: &HideArguments) -> Result<(), CommandError> {
         let (key, recording) = generate_trial(&survey, seed & i64::MAX as u64);
         let trial = out.join(trial);
         for directory in ["recording", "key"].map(|name| trial.join(name)) {
-            fs::create_dir_all(&directory).map_err(|error| {
-                CommandError::failed(format!("{}: cannot be created: {error}", directory.display()))
-            })?;
+            create_directory(&directory)?;
         }
         let contents = [recording.link_log(), recording.reference_csv(), survey.nominal.to_toml(false), key.to_toml()];
         FILES.iter().zip(contents).try_for_each(|(file, content)| write(&trial.join(file), content))?;

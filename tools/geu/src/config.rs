@@ -4,6 +4,7 @@ use clap::{Args, Subcommand};
 use geu_model::Configuration;
 
 use crate::command_error::{CommandError, print, say};
+use crate::device::{DEFAULT_DEVICE, unit};
 use crate::settings::ConfigArgs;
 
 /// Shows, checks and describes configurations.
@@ -19,9 +20,16 @@ enum Action {
     Show(ConfigArgs),
     /// Check a configuration; exit 2 with the place of the first error
     Check(ConfigArgs),
-    /// Print the JSON schema of configurations
-    Schema,
+    /// Print the JSON schema of configurations; in geu.schema.json beside a configuration of `geu config show`, an editor finds it
+    Schema {
+        /// Name or description of another unit than the default one (`geu device list`)
+        #[arg(long, value_name = "NAME|FILE")]
+        device: Option<String>,
+    },
 }
+
+/// File that editors with Taplo read, beside the configuration.
+const SCHEMA_FILE: &str = "geu.schema.json";
 
 /// Runs `geu config`.
 ///
@@ -29,7 +37,9 @@ enum Action {
 /// The configuration is not valid.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     match &arguments.action {
-        Action::Show(settings) => print(format_args!("{}", settings.read_of_any()?.to_toml(true))),
+        Action::Show(settings) => {
+            print(format_args!("#:schema ./{SCHEMA_FILE}\n\n{}", settings.read_of_any()?.to_toml(true)))
+        }
         Action::Check(settings) => {
             settings.read_of_any()?;
             let name = settings
@@ -38,6 +48,9 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
                 .map_or("the built-in configuration".to_owned(), |path| path.display().to_string());
             say!("{name}: valid")
         }
-        Action::Schema => say!("{:#}", Configuration::schema()),
+        Action::Schema { device } => {
+            let device = unit(device.as_deref().unwrap_or(DEFAULT_DEVICE))?;
+            say!("{:#}", Configuration::schema(device))
+        }
     }
 }

@@ -5,8 +5,6 @@ pub mod stream;
 pub mod table;
 mod writer;
 
-use std::io::IsTerminal;
-
 use clap::{ArgAction, Args, ValueEnum};
 use geu_archive::{Columns, DeviceColumns, FileFormat, UnitColumns};
 use geu_recording::{Decode, DecodeSummary, DeviceSample, InputError, InputReader, ReceivedSample};
@@ -18,7 +16,8 @@ use crate::input_args::{InputArgs, note_elsewhere};
 use crate::output_writer::OutputWriter;
 use crate::outputs::{OutputDirectory, OutputFile, persist};
 use crate::settings::choice;
-use output::{BATCH_ROWS, ColumnPlace, ColumnRows, NoRows, RowOutput, TextRows};
+use output::{BATCH_ROWS, NoRows};
+pub use output::{ColumnPlace, ColumnRows, RowOutput, TextRows, verify_columns_place};
 use writer::Writer;
 
 /// Decodes recordings or live links to CSV, JSON lines, Parquet, Arrow or a summary.
@@ -200,10 +199,7 @@ impl Arguments {
                 "--flags: expected none: each flag is a column of true and false in Parquet and Arrow",
             ));
         }
-        if is_columns && self.partition.is_none() && self.out.is_none() && std::io::stdout().is_terminal() {
-            return Err(CommandError::input("--format: expected --out FILE, or a pipe, for a format that is no text"));
-        }
-        Ok(())
+        if is_columns && self.partition.is_none() { verify_columns_place(self.out.as_ref()) } else { Ok(()) }
     }
 
     fn columns<C: Columns>(&self, format: FileFormat, columns: C) -> ColumnRows<'_, C> {

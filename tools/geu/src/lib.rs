@@ -26,6 +26,7 @@ mod calibrate;
 mod calibrate_compare;
 mod checkout;
 mod command_error;
+mod completions;
 mod config;
 mod control_client;
 mod decode;
@@ -38,6 +39,7 @@ mod faults;
 mod inject;
 mod input_args;
 mod links;
+mod man;
 mod monitor;
 mod output_guard;
 mod output_writer;
@@ -96,6 +98,8 @@ subcommands! {
     Decode => decode,
     Track => track,
     Watch => watch,
+    Completions => completions,
+    Man => man,
 }
 
 static VERSION: LazyLock<String> = LazyLock::new(|| {
@@ -109,10 +113,15 @@ fn with_exit_codes(command: clap::Command) -> clap::Command {
     command.after_help(own + EXIT_CODES).mut_subcommands(with_exit_codes)
 }
 
+/// The command as its help shows it.
+fn whole_command() -> clap::Command {
+    with_exit_codes(Arguments::command())
+}
+
 /// Runs the command with these arguments, the program's name first; returns its exit code.
 pub fn command(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     geu_files::interruption::ignore_file_size_signal();
-    let mut command = with_exit_codes(Arguments::command());
+    let mut command = whole_command();
     let matches = match command.try_get_matches_from_mut(arguments) {
         Ok(matches) => matches,
         Err(error) => error.exit(),

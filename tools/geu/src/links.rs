@@ -4,8 +4,9 @@ use std::net::IpAddr;
 use std::path::PathBuf;
 
 use clap::{ArgMatches, Args, Command, Error, FromArgMatches};
-use geu_daemon::link::{CanAddress, LinkAddress, SerialAddress, TcpAddress};
+use geu_daemon::link::{CanAddress, LinkAddress, PtyAddress, SerialAddress, TcpAddress};
 use ipnet::IpNet;
+use nix::unistd::{Gid, Group};
 
 /// Name of the default pty.
 const DEFAULT_PTY: &str = "geu0";
@@ -16,6 +17,9 @@ struct Named {
     /// Pty under a stable symlink
     #[arg(long, value_name = "PATH")]
     pty: Vec<PathBuf>,
+    /// Group that may open the pty too, for example dialout [default: only the user of the emulator]
+    #[arg(long, value_name = "GROUP", value_parser = group)]
+    pty_group: Option<Gid>,
     /// Serial port, 8N1 [default rate: 115200]
     #[arg(long, value_name = "DEVICE[:BAUD]")]
     serial: Vec<SerialAddress>,
@@ -30,6 +34,14 @@ struct Named {
     tcp_allow: Vec<IpNet>,
 }
 
+fn group(name: &str) -> Result<Gid, String> {
+    match Group::from_name(name) {
+        Ok(Some(group)) => Ok(group.gid),
+        Ok(None) => Err("expected a group of this machine, as `getent group` lists them".to_owned()),
+        Err(error) => Err(format!("the groups of this machine cannot be read: {error}")),
+    }
+}
+
 fn network(text: &str) -> Result<IpNet, String> {
     let address = |text: &str| text.parse::<IpAddr>().map(IpNet::from);
     text.parse::<IpNet>()
@@ -39,16 +51,21 @@ fn network(text: &str) -> Result<IpNet, String> {
 
 /// Links in the order of the command line.
 #[derive(Debug, Default)]
-pub struct Links(Vec<LinkAddress>);
+pub struct Links {
+    named: Vec<LinkAddress>,
+    /// Group of the default pty.
+    pty_group: Option<Gid>,
+}
 
 impl Links {
     /// Addresses; the default pty if no link is given.
     pub fn addresses(&self) -> Vec<LinkAddress> {
-        if self.0.is_empty() {
+        if self.named.is_empty() {
             let directory = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from).filter(|path| path.is_dir());
-            return vec![LinkAddress::Pty(directory.unwrap_or_else(|| "/tmp".into()).join(DEFAULT_PTY))];
+            let path = directory.unwrap_or_else(|| "/tmp".into()).join(DEFAULT_PTY);
+            return vec![LinkAddress::Pty(PtyAddress { path, group: self.pty_group })];
         }
-        self.0.clone()
+        self.named.clone()
     }
 }
 
@@ -64,16 +81,17 @@ impl Args for Links {
 
 impl FromArgMatches for Links {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Links, Error> {
-        let Named { pty, serial, can, tcp, tcp_allow } = Named::from_arg_matches(matches)?;
+        let Named { pty, pty_group, serial, can, tcp, tcp_allow } = Named::from_arg_matches(matches)?;
         let tcp = tcp.into_iter().map(|address| TcpAddress { address, allowed: tcp_allow.clone() });
+        let pty = pty.into_iter().map(|path| LinkAddress::Pty(PtyAddress { path, group: pty_group }));
         let positions = |option: &str| matches.indices_of(option).into_iter().flatten();
         let mut links: Vec<(usize, LinkAddress)> = Vec::new();
-        links.extend(positions("pty").zip(pty.into_iter().map(LinkAddress::Pty)));
+        links.extend(positions("pty").zip(pty));
         links.extend(positions("serial").zip(serial.into_iter().map(LinkAddress::Serial)));
         links.extend(positions("can").zip(can.into_iter().map(LinkAddress::Can)));
         links.extend(positions("tcp").zip(tcp.map(LinkAddress::Tcp)));
         links.sort_by_key(|(position, _)| *position);
-        Ok(Links(links.into_iter().map(|(_, link)| link).collect()))
+        Ok(Links { named: links.into_iter().map(|(_, link)| link).collect(), pty_group })
     }
 
     fn from_arg_matches_mut(matches: &mut ArgMatches) -> Result<Links, Error> {

@@ -51,12 +51,4 @@ impl OutputWriter {
         self.flush()?;
         Ok(self.writer)
     }
-
-    /// Writes all outputs and moves each to its final place.
-    ///
-    /// # Errors
-    /// One cannot be written; then the previous files are kept.
-    pub fn finish(outputs: impl IntoIterator<Item = OutputWriter>) -> Result<(), CommandError> {
-        persist(outputs.into_iter().map(OutputWriter::complete).collect::<Result<Vec<_>, CommandError>>()?)
-    }
 }

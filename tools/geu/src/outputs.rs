@@ -122,6 +122,15 @@ pub fn persist(outputs: Vec<Output>) -> Result<(), CommandError> {
     persist_all(outputs).map_err(CommandError::writing)
 }
 
+/// Creates an output directory with its parents.
+///
+/// # Errors
+/// It cannot be created.
+pub fn create_directory(path: &Path) -> Result<(), CommandError> {
+    let failed = |error| CommandError::failed(format!("{}: cannot be created: {error}", path.display()));
+    fs::create_dir_all(path).map_err(failed)
+}
+
 /// Writes a complete file of an output directory.
 ///
 /// # Errors
@@ -176,9 +185,10 @@ mod tests {
     use super::*;
 
     /// Options that name a path that is read, or is not a result. A new option of this kind is added here.
-    const NO_OUTPUTS: [&str; 40] = [
+    const NO_OUTPUTS: [&str; 41] = [
         "blind campaign --config",
         "blind hide --config",
+        "blind merge shards",
         "blind score --config",
         "blind score --json",
         "blind score --key",

@@ -17,7 +17,7 @@ use crate::command_error::{CommandError, note};
 use crate::device::verify_link;
 use crate::expectations;
 use crate::output_guard::Force;
-use crate::outputs::{OutputDirectory, write};
+use crate::outputs::{OutputDirectory, create_directory, write};
 use crate::settings::{LINK_FORMATS, LONGEST_S, LiveTruth, RunArgs, choice, duration};
 
 /// Runs the model without links, as fast as possible, and writes the files of a recorded run.
@@ -125,8 +125,7 @@ fn verify_wire(device: &Device, wire: LinkLogFormat) -> Result<(), CommandError>
 
 /// Writes every figure of the unit into a directory, which is created if necessary.
 fn draw(directory: &Path, configuration: &Configuration) -> Result<(), CommandError> {
-    let failed = |error| CommandError::failed(format!("cannot write {}: {error}", directory.display()));
-    std::fs::create_dir_all(directory).map_err(failed)?;
+    create_directory(directory)?;
     for (name, text) in figures::figures(configuration) {
         let path = directory.join(name);
         write(&path, text)?;

@@ -5,20 +5,21 @@ use std::path::PathBuf;
 use std::slice;
 
 use clap::Args;
+use geu_archive::{CellColumns, FileFormat};
 use geu_calibration::parity::ParityResidual;
 use geu_calibration::{DeviceTracker, GyroSelection, PriorCalibration, Track, Tracker, TrackerEvent};
 use geu_model::Configuration;
+use geu_model::device::Device;
 use geu_model::units::{ARCSEC_PER_DEG, ARCSEC_PER_RAD};
 use geu_recording::{Decode, InputReader, Sink};
-use geu_report::rows::{TrackFormat, instant, track_difference, track_header, write_track};
+use geu_report::rows::{TrackFormat, instant, track_columns, track_difference, track_header, write_track};
 use nalgebra::{Quaternion, UnitQuaternion};
 
 use crate::command_error::{CommandError, note};
-use crate::decode::{gives_rows, is_refused};
-use crate::device::unit;
+use crate::decode::{ColumnPlace, ColumnRows, RowOutput, TextRows, gives_rows, is_refused, verify_columns_place};
+use crate::device::{DEFAULT_DEVICE, unit};
 use crate::input_args::{InputArgs, note_elsewhere};
-use crate::output_writer::{BUFFER, OutputWriter};
-use crate::outputs::OutputFile;
+use crate::outputs::{OutputFile, persist};
 use crate::settings::{choice, read_text};
 
 /// Applies a calibration to a link (eq 3): increments about the control axes and attitude, every sample.
@@ -52,7 +53,7 @@ pub struct Arguments {
     attitude: Option<UnitQuaternion<f64>>,
     /// Output format [default: text on a terminal, else csv]
     #[arg(long, value_parser = choice(FORMATS))]
-    format: Option<TrackFormat>,
+    format: Option<Format>,
     /// Output file, instead of standard output. Until the end (for a live link also Ctrl-C) rows are written to
     /// FILE.….partial; FILE is the previous file or complete.
     #[arg(long, value_name = "FILE")]
@@ -67,11 +68,19 @@ pub struct Arguments {
     quiet: bool,
 }
 
-const FORMATS: &[(&str, TrackFormat, &str)] = &[
-    ("csv", TrackFormat::Csv, "Comma-separated values with a header"),
-    ("jsonl", TrackFormat::Jsonl, "One JSON object a line"),
-    ("text", TrackFormat::Text, "A line to read, in arcsec"),
+const FORMATS: &[(&str, Format, &str)] = &[
+    ("csv", Format::Text(TrackFormat::Csv), "Comma-separated values with a header"),
+    ("jsonl", Format::Text(TrackFormat::Jsonl), "One JSON object a line"),
+    ("text", Format::Text(TrackFormat::Text), "A line to read, in arcsec"),
+    ("parquet", Format::Columns(FileFormat::Parquet), "Parquet: columns with their units"),
+    ("arrow", Format::Columns(FileFormat::Arrow), "Arrow IPC file (Feather 2), the same columns"),
 ];
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Format {
+    Text(TrackFormat),
+    Columns(FileFormat),
+}
 
 /// Tolerance of a quaternion's length: its parts may be rounded to three digits.
 const LENGTH_TOLERANCE: f64 = 1e-3;
@@ -134,7 +143,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
             let mut tracker = DeviceTracker::new(&configuration, start).map_err(CommandError::input)?;
             let stop = arguments.reading.stop_at_signals(slice::from_ref(&arguments.link))?;
             let reader = arguments.reading.device_reader(device, stop)?;
-            track(arguments, reader, Some(device.interval_s), |row| tracker.push(row))?;
+            track(arguments, reader, Some(device), |row| tracker.push(row))?;
             if tracker.of_other_trials > 0 {
                 note(format_args!("left out       {} rows of other trials\n", tracker.of_other_trials));
             }
@@ -143,26 +152,46 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     }
 }
 
-/// Tracks the rows of an input; `interval_s` is the sample interval of a described unit.
+/// Tracks the rows of an input; `device` is that of a described unit.
 fn track<D: Decode>(
     arguments: &Arguments,
-    mut reader: InputReader<D>,
-    interval_s: Option<f64>,
+    reader: InputReader<D>,
+    device: Option<&Device>,
     push: impl FnMut(&D::Row) -> Option<Track>,
 ) -> Result<(), CommandError> {
-    let is_terminal = arguments.out.is_none() && stdout().is_terminal();
-    let format = arguments.format.unwrap_or(if is_terminal { TrackFormat::Text } else { TrackFormat::Csv });
+    let out = arguments.out.as_ref();
+    let is_terminal = out.is_none() && stdout().is_terminal();
+    let usual = if is_terminal { TrackFormat::Text } else { TrackFormat::Csv };
+    match arguments.format.unwrap_or(Format::Text(usual)) {
+        Format::Columns(format) => {
+            verify_columns_place(out)?;
+            let unit_name = device.map_or(DEFAULT_DEVICE, Device::unit_name);
+            let columns =
+                CellColumns::new(unit_name, |track: &Track| track.time, track_columns(device.is_some()).skip(1));
+            let place = ColumnPlace::File(out);
+            track_to(arguments, reader, push, ColumnRows { columns, format, place, files: None, has_rows: false })
+        }
+        Format::Text(format) => {
+            let every = device.map_or(1, |device| ((TEXT_S / device.interval_s).round() as u64).max(1));
+            let header = if format == TrackFormat::Csv { track_header(device.is_some()) } else { String::new() };
+            let write = move |track: &Track, buffer: &mut Vec<u8>| {
+                if format != TrackFormat::Text || track.number.is_none_or(|number| number.is_multiple_of(every)) {
+                    write_track(format, track, buffer);
+                }
+            };
+            track_to(arguments, reader, push, TextRows { out, header, write, writer: None })
+        }
+    }
+}
+
+fn track_to<D: Decode>(
+    arguments: &Arguments,
+    mut reader: InputReader<D>,
+    push: impl FnMut(&D::Row) -> Option<Track>,
+    output: impl RowOutput<Track>,
+) -> Result<(), CommandError> {
     let start = arguments.attitude.unwrap_or_default();
-    let mut writer = Writer {
-        out: arguments.out.as_ref(),
-        format,
-        every: interval_s.map_or(1, |interval_s| ((TEXT_S / interval_s).round() as u64).max(1)),
-        is_described: interval_s.is_some(),
-        push,
-        output: None,
-        broken: None,
-        statistics: Statistics::default(),
-    };
+    let mut writer = Writer { push, output, is_open: false, broken: None, statistics: Statistics::default() };
     let result = reader.read(&arguments.link, &mut writer);
     let read = usize::from(result.is_ok());
     let (summary, ending) = reader.finish(&mut writer);
@@ -173,10 +202,11 @@ fn track<D: Decode>(
     if let Some(failure) = writer.broken.take() {
         return Err(failure);
     }
-    if gives_rows(&result) {
-        OutputWriter::finish(writer.output.take())?;
+    let Writer { output, is_open, statistics, .. } = writer;
+    if gives_rows(&result) && is_open {
+        persist(output.finish()?)?;
     }
-    let (statistics, defects) = (&writer.statistics, summary.account.defect_count());
+    let (statistics, defects) = (&statistics, summary.account.defect_count());
     if !arguments.quiet && result.is_ok() {
         note(format_args!("{}", statistics.text(&start)));
         if defects > 0 {
@@ -253,21 +283,24 @@ impl Statistics {
 }
 
 /// Tracks rows as they are read, and writes.
-struct Writer<'a, P> {
-    out: Option<&'a OutputFile>,
-    format: TrackFormat,
-    /// Samples of a line of text.
-    every: u64,
-    is_described: bool,
+struct Writer<P, O> {
     push: P,
-    /// `Some` once the link is open.
-    output: Option<OutputWriter>,
+    output: O,
+    /// True once the link, and with it the output, is open.
+    is_open: bool,
     /// The first failure of writing.
     broken: Option<CommandError>,
     statistics: Statistics,
 }
 
-impl<P> Writer<'_, P> {
+impl<P, O> Writer<P, O> {
+    /// Keeps the first failure.
+    fn keep(&mut self, result: Result<(), CommandError>) {
+        if let Err(failure) = result {
+            self.broken.get_or_insert(failure);
+        }
+    }
+
     fn log_events(&mut self, track: &Track) {
         for event in &track.events {
             match event {
@@ -288,29 +321,17 @@ impl<P> Writer<'_, P> {
     }
 }
 
-impl<R, P: FnMut(&R) -> Option<Track>> Sink<R> for Writer<'_, P> {
+impl<R, P: FnMut(&R) -> Option<Track>, O: RowOutput<Track>> Sink<R> for Writer<P, O> {
     fn opened(&mut self) {
-        match OutputWriter::open(self.out) {
-            Ok(mut output) => {
-                if self.format == TrackFormat::Csv {
-                    output.buffer.extend_from_slice(track_header(self.is_described).as_bytes());
-                }
-                self.output = Some(output);
-            }
-            Err(failure) => self.broken = Some(failure),
-        }
+        self.is_open = true;
+        let opened = self.output.open();
+        self.keep(opened);
     }
 
     fn row(&mut self, row: &R) {
         let Some(track) = (self.push)(row) else { return };
-        let is_written =
-            self.format != TrackFormat::Text || track.number.is_none_or(|number| number.is_multiple_of(self.every));
-        if let Some(output) = self.output.as_mut().filter(|_| is_written) {
-            write_track(self.format, &track, &mut output.buffer);
-            if output.buffer.len() >= BUFFER {
-                Sink::<R>::flush(self);
-            }
-        }
+        let written = self.output.row(&track);
+        self.keep(written);
         self.log_events(&track);
         self.statistics.samples += 1;
         if let Some(checked) = &track.parity {
@@ -323,10 +344,9 @@ impl<R, P: FnMut(&R) -> Option<Track>> Sink<R> for Writer<'_, P> {
     }
 
     fn flush(&mut self) {
-        if let Some(output) = &mut self.output
-            && let Err(failure) = output.flush()
-        {
-            self.broken.get_or_insert(failure);
+        if self.is_open {
+            let written = self.output.flush();
+            self.keep(written);
         }
     }
 

@@ -4,4 +4,5 @@ mod archives;
 mod blind;
 mod directories;
 mod outputs;
+mod shells;
 mod version;

@@ -19,8 +19,9 @@ const BEFORE: &str = "previous content";
 const TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Options that write a file, and the other arguments: words with a leading `@` are files of the test directory.
-const CASES: [(&str, &str); 16] = [
+const CASES: [(&str, &str); 17] = [
     ("blind campaign --json", "--config @unit.toml --runs 1 --sizes 12 --duration 900"),
+    ("blind merge --json", "@part.json"),
     ("calibrate --html", CALIBRATE),
     ("calibrate --json", CALIBRATE),
     ("calibrate --out", CALIBRATE),
@@ -40,12 +41,23 @@ const CASES: [(&str, &str); 16] = [
 const CALIBRATE: &str =
     "--config @unit.toml --link @long/link.log --manoeuvres @long/manoeuvres.csv --reference @long/reference.csv";
 const DIAGNOSE: &str = "--config @unit.toml --link @quarter/link.log --reference @quarter/reference.csv";
+/// The only part of a campaign of one run without an effect, one with an effect and one outside the catalogue.
+const PART: &str = r#"{"version": "0.1.0", "shard": [1, 1], "seed": 1, "runs": 1, "sizes": [12.0], "duration_s": 900.0,
+"configuration": "", "trials": [RUN, RUN, RUN]}"#;
+const RUN: &str = r#"{"hidden": [], "verdict": "consistent", "said": [], "false_names": [], "is_misnamed": false}"#;
 /// An effect that the recording hardly distinguishes from a dead zone.
 const AMBIGUOUS: &str =
     "--set gyro.GYRX.output-axis-acceleration.seconds=0.05 --link @quarter/link.log --reference @quarter/reference.csv";
 /// Options that name directories; `directories.rs` tests them.
-const DIRECTORIES: [&str; 6] =
-    ["blind hide --out", "checkout --out", "decode --partition", "run --record", "simulate --out", "simulate --svg"];
+const DIRECTORIES: [&str; 7] = [
+    "blind hide --out",
+    "checkout --out",
+    "decode --partition",
+    "man --out",
+    "run --record",
+    "simulate --out",
+    "simulate --svg",
+];
 
 struct TestDirectory(tempfile::TempDir);
 
@@ -54,6 +66,7 @@ impl TestDirectory {
     fn new() -> TestDirectory {
         let directory = TestDirectory(tempfile::tempdir().expect("a directory"));
         fs::write(directory.path("unit.toml"), "seed = 1\n").expect("written");
+        fs::write(directory.path("part.json"), PART.replace("RUN", RUN)).expect("written");
         for (name, duration) in [("long", "14000"), ("quarter", "900")] {
             let out = directory.path(name);
             let simulated = directory.geu("simulate", &["--duration", duration, "--out"]).arg(out).output();

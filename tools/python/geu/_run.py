@@ -87,7 +87,7 @@ def run(*arguments: str, accepted: Sequence[int] = (0,)) -> tuple[str, int, str]
     return done.stdout, done.returncode, done.stderr
 
 
-def command(name: str, *arguments: StrPath, **values: Any) -> str:
+def command(name: str, *arguments: StrPath, accepted: Sequence[int] = (0,), **values: Any) -> str:
     """Runs any other command of geu: ``geu.command("checkout", runs=3)``.
 
     Parameters
@@ -96,6 +96,8 @@ def command(name: str, *arguments: StrPath, **values: Any) -> str:
         The command, ``"track"``; of a nested one the first word, ``command("blind", "score", key="key.json")``.
     *arguments : str or path
         Arguments as they stand.
+    accepted : sequence of int
+        Exit codes that are no failure.
     **values
         Options: ``set={"seed": 3}``, ``verbose=True``.
 
@@ -107,10 +109,10 @@ def command(name: str, *arguments: StrPath, **values: Any) -> str:
     Raises
     ------
     GeuError
-        It failed.
+        Another exit code than these.
     """
     words = [os.fspath(argument) for argument in arguments]
-    return run(name, *words, *options(**values))[0]
+    return run(name, *words, *options(**values), accepted=accepted)[0]
 
 
 def message(standard_error: str) -> str:

@@ -1,10 +1,12 @@
 //! Addresses of links on the command line.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use geu_model::device::Device;
 use geu_model::fault::catalogue::Transport;
 use geu_protocol::CanIdMap;
+use nix::unistd::Gid;
 
 use super::tcp::TcpAddress;
 use geu_recorder::link_model::LinkModel;
@@ -13,7 +15,7 @@ use geu_recorder::link_model::LinkModel;
 #[derive(Debug, Clone)]
 pub enum LinkAddress {
     /// A pty with a symlink at this path.
-    Pty(std::path::PathBuf),
+    Pty(PtyAddress),
     /// A serial port.
     Serial(SerialAddress),
     /// A CAN interface.
@@ -42,6 +44,15 @@ impl LinkAddress {
         };
         LinkModel::of_unit(device, self.kind(), baud, plan)
     }
+}
+
+/// A pty: the path of its symlink, and who may open it.
+#[derive(Debug, Clone)]
+pub struct PtyAddress {
+    /// Path of the symlink.
+    pub path: PathBuf,
+    /// Group that may open it too; `None` for the user of the emulator alone.
+    pub group: Option<Gid>,
 }
 
 /// `INTERFACE[:BASE]`, the base in hexadecimal.

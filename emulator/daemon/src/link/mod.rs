@@ -23,7 +23,7 @@ use std::sync::Arc;
 
 use crate::shared_unit::SharedUnit;
 
-pub use address::{CanAddress, LinkAddress, SerialAddress};
+pub use address::{CanAddress, LinkAddress, PtyAddress, SerialAddress};
 pub use error::LinkError;
 pub(crate) use interface::Link;
 #[cfg(test)]
@@ -38,7 +38,7 @@ pub use tcp::TcpAddress;
 pub(crate) fn open(address: &LinkAddress, unit: &Arc<SharedUnit>, speedup: f64) -> Result<Box<dyn Link>, LinkError> {
     let model = address.model(&unit.device);
     Ok(match address {
-        LinkAddress::Pty(path) => Box::new(pty::open(path, model, unit, speedup)?),
+        LinkAddress::Pty(address) => Box::new(pty::open(address, model, unit, speedup)?),
         LinkAddress::Serial(address) => Box::new(serial::open(address, model, unit)?),
         LinkAddress::Can(address) => Box::new(can::open(address, model, unit)?),
         LinkAddress::Tcp(address) => Box::new(tcp::open(address, model, unit, speedup > 1.0)?),

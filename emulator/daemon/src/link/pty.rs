@@ -12,7 +12,7 @@ mod symlink;
 use std::convert::Infallible;
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 
@@ -22,12 +22,13 @@ use nix::fcntl::{FcntlArg, FdFlag, OFlag, fcntl, open as open_file};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::pty::openpty;
 use nix::sys::inotify::{AddWatchFlags, InitFlags, Inotify};
-use nix::sys::stat::Mode;
+use nix::sys::stat::{Mode, fchmod};
 use nix::sys::termios::{FlushArg, SetArg, cfmakeraw, tcflush, tcgetattr, tcsetattr};
-use nix::unistd::ttyname;
+use nix::unistd::{Gid, fchown, ttyname};
 use tokio::io::unix::AsyncFd;
 use tokio::task::yield_now;
 
+use super::address::PtyAddress;
 use super::error::LinkError;
 use super::interface::{LinkInfo, RETRY_INTERVAL, Watched};
 use super::receive::{CommandServer, Receiver};
@@ -53,9 +54,13 @@ struct Terminal {
 }
 
 impl Terminal {
-    fn new() -> nix::Result<Terminal> {
+    fn new(group: Option<Gid>) -> nix::Result<Terminal> {
         let pair = openpty(None, None)?;
         make_raw(&pair.slave)?;
+        if group.is_some() {
+            fchown(&pair.slave, None, group)?;
+            fchmod(&pair.slave, Mode::S_IRUSR | Mode::S_IWUSR | Mode::S_IRGRP | Mode::S_IWGRP)?;
+        }
         fcntl(&pair.master, FcntlArg::F_SETFL(OFlag::O_NONBLOCK))?;
         fcntl(&pair.master, FcntlArg::F_SETFD(FdFlag::FD_CLOEXEC))?;
         Ok(Terminal { slave: Slave(ttyname(&pair.slave)?), master: Arc::new(pair.master) })
@@ -105,15 +110,16 @@ fn state(master: impl AsFd) -> PollFlags {
     }
 }
 
-/// Opens a pty, puts a symlink to it at `path`, and serves it.
+/// Opens a pty, puts a symlink to it at the path of the address, and serves it.
 pub(super) fn open(
-    path: &Path,
+    address: &PtyAddress,
     model: LinkModel,
     unit: &Arc<SharedUnit>,
     speedup: f64,
 ) -> Result<StreamLink, LinkError> {
+    let PtyAddress { path, group } = address;
     let fail = |error: nix::Error| LinkError::Pty(path.display().to_string(), error.into());
-    let terminal = Terminal::new().map_err(fail)?;
+    let terminal = Terminal::new(*group).map_err(fail)?;
     let symlink = Arc::new(Symlink::create(path, &terminal.slave.0)?);
 
     let info = LinkInfo::new(model, format!("pty {}", path.display()));
@@ -126,7 +132,7 @@ pub(super) fn open(
     let inotify = Watched::new(inotify).map_err(|error| LinkError::Pty(path.display().to_string(), error))?;
     let commands = CommandServer { unit: unit.clone(), info: info.clone() };
     let senders = Senders::one(&sender);
-    let server = Server { inotify, sender, symlink, commands };
+    let server = Server { inotify, sender, symlink, group: *group, commands };
     tokio::spawn(async move { server.serve(terminal).await });
     Ok(StreamLink { info, senders, without_client: Sending::Unread })
 }
@@ -135,6 +141,7 @@ struct Server {
     inotify: AsyncFd<Watched<Inotify>>,
     sender: Arc<StreamSender>,
     symlink: Arc<Symlink>,
+    group: Option<Gid>,
     commands: CommandServer,
 }
 
@@ -162,7 +169,7 @@ impl Server {
         match terminal.slave.reset() {
             Err(Errno::EBUSY) => {
                 // In this order: a failed change of the symlink is tried again.
-                let fresh = Terminal::new()?;
+                let fresh = Terminal::new(self.group)?;
                 self.symlink.lead_to(&fresh.slave.0)?;
                 *terminal = fresh;
             }

@@ -181,10 +181,12 @@ impl Configuration {
         text
     }
 
-    /// The JSON schema (2020-12).
-    pub fn schema() -> serde_json::Value {
-        let mut schema = tree::schema(&Configuration::neutral(Device::iras()).tree());
+    /// The JSON schema (2020-12) of configurations of a unit.
+    pub fn schema(device: Arc<Device>) -> serde_json::Value {
+        let known = device.known_name().map(|name| format!(":{name}")).unwrap_or_default();
+        let mut schema = tree::schema(&Configuration::neutral(device).tree());
         schema["$schema"] = "https://json-schema.org/draft/2020-12/schema".into();
+        schema["$id"] = format!("urn:geu:configuration:{}{known}", env!("CARGO_PKG_VERSION")).into();
         schema["title"] = "GEU configuration".into();
         schema
     }

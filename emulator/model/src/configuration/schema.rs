@@ -31,6 +31,8 @@ pub(super) fn object(properties: Map<String, Value>, required: &[&str]) -> Value
 
 pub(super) fn limited(form: ValueFormat, min: f64, max: f64, meaning: &str) -> Value {
     let mut schema = match form {
+        // Editors convert TOML to JSON, where infinities are null.
+        ValueFormat::Real if max.is_infinite() => json!({ "type": ["number", "null"] }),
         ValueFormat::Real => json!({ "type": "number" }),
         ValueFormat::Flag => json!({ "type": "boolean" }),
         ValueFormat::Gyro => json!({ "enum": Gyro::ALL.map(Gyro::name) }),

@@ -1,6 +1,6 @@
 //! Outputs of rows: text, columns, or none.
 
-use std::io::ErrorKind;
+use std::io::{ErrorKind, IsTerminal};
 
 use geu_archive::{BatchFile, Columns, FileFormat, Partition};
 use geu_files::Output;
@@ -94,6 +94,14 @@ pub struct ColumnRows<'a, C> {
 pub enum ColumnFiles {
     File(BatchFile),
     Partition(Partition),
+}
+
+/// Refuses columns on a terminal.
+pub fn verify_columns_place(out: Option<&OutputFile>) -> Result<(), CommandError> {
+    match out.is_none() && std::io::stdout().is_terminal() {
+        true => Err(CommandError::input("--format: expected --out FILE, or a pipe, for a format that is no text")),
+        false => Ok(()),
+    }
 }
 
 /// Rows of a batch.

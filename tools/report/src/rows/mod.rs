@@ -10,7 +10,7 @@ use geu_recording::ReceivedSample;
 
 pub use defects::DefectLines;
 pub use device::DeviceRows;
-pub use track::{TrackFormat, instant, track_difference, track_header, write_track};
+pub use track::{TrackColumn, TrackFormat, instant, track_columns, track_difference, track_header, write_track};
 
 /// A format of text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
