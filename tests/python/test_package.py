@@ -39,6 +39,14 @@ def test_the_first_page_runs_as_it_stands(tmp_path):
     assert re.search(r"^explained\ndrift-step \['GYRX'\] 1[3-9]", done.stdout, re.M), done.stdout
 
 
+def test_the_page_on_scripts_runs_as_it_stands(tmp_path):
+    page = (ROOT / "docs/tasks/script.md").read_text()
+    program = "\n".join(re.findall(r"```python\n(.*?)```", page, re.S))
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("explained\n") and "gyrx_valid" in done.stdout, done.stdout
+
+
 def test_columns_are_those_of_the_command(recording):
     frame = recording.samples.to_polars()
     rows = rows_of_command(recording.link)

@@ -27,9 +27,10 @@ mod hostile_clients;
 mod inputs;
 mod obc;
 mod obc_silence;
+mod pages;
 mod plant;
 mod plant_device;
-mod readme;
+
 mod recording_kept;
 mod recording_place;
 mod recording_refused;
