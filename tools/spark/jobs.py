@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Campaigns, calibrations and diagnoses as Spark jobs; the results are those of the commands on one machine, bit for bit.
+"""Campaigns, calibrations and diagnoses as Spark jobs; the results equal a run on one machine, bit for bit.
 
     spark-submit tools/spark/jobs.py campaign --runs 200 --seed 1 --parts 64 --json campaign.json
     spark-submit tools/spark/jobs.py diagnose 'archive/device=iras/day=*' --reference 'references/{day}.csv' --out results
@@ -65,9 +65,11 @@ def days(session: SparkSession, arguments: argparse.Namespace) -> None:
         values = dict(match.groups() for part in Path(directory).parts if (match := PARTITION.match(part)))
         try:
             reference = arguments.reference.format(**values)
-        except KeyError as error:
-            sys.exit(f"--reference: expected one of {', '.join(values)} in braces, got {error}")
-        names.append("_".join(values.values()) + ".json")
+        except (IndexError, KeyError, ValueError) as error:
+            sys.exit(f"--reference: expected names of {', '.join(values)} in braces, got {arguments.reference}: {error}")
+        if not values or (name := "_".join(values.values()) + ".json") in names:
+            sys.exit(f"{directory}: expected a path with KEY=VALUE that no other directory has, such as device=iras/day=2026-11-27")
+        names.append(name)
         jobs.append([arguments.job, "--link", directory, "--reference", reference, *arguments.options])
     out = Path(arguments.out)
     out.mkdir(parents=True, exist_ok=True)
@@ -90,7 +92,7 @@ def main() -> None:
     for job in ("calibrate", "diagnose"):
         evaluation = subparsers.add_parser(job, help=f"geu {job} of each day of an archive")
         evaluation.add_argument("archive", help="pattern of directories of days")
-        evaluation.add_argument("--reference", required=True, help="reference of a directory; {day} and {device} are those of its path")
+        evaluation.add_argument("--reference", required=True, help="reference of a directory; {day} and {device} come from its path")
         evaluation.add_argument("--out", required=True, help="directory of results")
     words = sys.argv[1:]
     place = words.index("--") if "--" in words else len(words)

@@ -18,7 +18,7 @@ const UNITS: [&str; 2] = ["arcsec_per_h", "arcsec"];
 /// A column after the time: name, content, and cell of a row, `None` if it is unknown.
 type CellColumn<R> = (&'static str, ColumnKind, fn(&R) -> Option<String>);
 
-/// Time and cells of rows; numbers are those that the cells read as.
+/// Time and cells of rows; numbers as the cells state them.
 #[derive(Debug)]
 pub struct CellColumns<R> {
     schema: SchemaRef,

@@ -43,7 +43,7 @@ pub struct CampaignPlan {
     pub shard: Shard,
 }
 
-/// One of several parts of a campaign, which may run on other machines: every run whose number, divided by `count`, leaves `index`.
+/// A part of a campaign, which may run on other machines: the runs that leave `index` when their number is divided by `count`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shard {
     pub index: usize,

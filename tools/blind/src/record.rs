@@ -141,7 +141,7 @@ impl ShardFile {
     }
 }
 
-/// The campaign of which these are all shards, in any order: the one that a single machine makes.
+/// The whole campaign of all its shards, in any order, as a single machine makes it.
 ///
 /// # Errors
 /// Shards of different campaigns, or not all of one.

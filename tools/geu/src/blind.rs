@@ -74,7 +74,7 @@ struct ScoreArguments {
 /// There are N runs of each signal-to-noise ratio with one amplitude of the catalogue, N runs without an effect, and N/4 with a
 /// term outside the catalogue at 12 times the bound. The thresholds come from one recording without an effect.
 ///
-/// With --shard I/N one of N parts is run, of which `geu blind merge` makes the whole campaign.
+/// --shard I/N runs part I of N, and `geu blind merge` joins all parts to the whole campaign.
 #[derive(Args, Debug)]
 struct CampaignArguments {
     #[command(flatten)]
@@ -100,12 +100,12 @@ struct CampaignArguments {
     /// Threads [default: one for each core]; the result is the same
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
-    /// Run one of N parts, and write it to the file of --json for `geu blind merge`
+    /// Run part I of N, and write it to the file of --json for `geu blind merge`
     #[arg(long, value_name = "I/N", value_parser = shard, requires = "json", conflicts_with = "markdown")]
     shard: Option<Shard>,
 }
 
-/// Merges all parts of a campaign; tables and JSON are those of the whole campaign.
+/// Joins all parts of a campaign to the whole one, with its tables and JSON.
 #[derive(Args, Debug)]
 struct MergeArguments {
     /// Files of `geu blind campaign --shard`, in any order
