@@ -103,7 +103,7 @@ impl TryFrom<String> for IsolationResult {
     fn try_from(name: String) -> Result<IsolationResult, String> {
         use IsolationResult::{Group, Missed, Right, Unnamed, Wrong};
         let all = [Missed, Unnamed, Wrong, Group, Right];
-        let expected = || format!("expected one of {}, got {name}", all.map(IsolationResult::name).join("; "));
+        let expected = || format!("expected {}, got {name}", all.map(IsolationResult::name).join("; "));
         all.into_iter().find(|own| own.name() == name).ok_or_else(expected)
     }
 }

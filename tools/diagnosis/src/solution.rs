@@ -4,7 +4,6 @@ use std::cell::LazyCell;
 
 use geu_calibration::window::ManoeuvreWindow;
 use geu_model::Configuration;
-use geu_model::device::Device;
 use geu_model::effect::{ClockFrequency, Effect};
 
 use crate::diagnosis_case::DiagnosisCase;
@@ -37,7 +36,7 @@ const EVIDENT_CHI2: f64 = 100.0;
 const PAIR_ROUNDS: usize = 3;
 /// Version of the search beside the model's lists. It changes with grids, families and null recordings, so that stored thresholds never
 /// apply to another search.
-const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 37");
+const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 38");
 
 /// Options of a diagnosis.
 pub struct DiagnosisOptions<'a> {
@@ -118,7 +117,7 @@ impl<'a> Solution<'a> {
         // A clock that the alignment found is a part of the model from the start: far from it no signature is right.
         let mut seeded = start.clone();
         seeded.held.extend(aligned_clock(&case));
-        let key = key(&nominal.device, measured, &path, &noise, contains_noise, options.seed);
+        let key = key(nominal, measured, &path, &noise, contains_noise, options.seed);
         let thresholds = (options.known)(key).unwrap_or_else(|| {
             progress("thresholds");
             let found = thresholds(&case, &all, &path, &case.fit(&mut seeded.clone()), &noise, options.seed);
@@ -296,7 +295,7 @@ fn is_noise(selected: &SelectedModel, thresholds: &Thresholds) -> bool {
 
 /// Key of thresholds: a hash of all that they depend on, i.e. search, motion, usable blocks and noise.
 fn key(
-    device: &Device,
+    nominal: &Configuration,
     measured: &MeasuredData,
     path: &ModelRun,
     noise: &[NoiseModel; CHANNELS],
@@ -314,7 +313,8 @@ fn key(
     push(SEARCH.as_bytes());
     push(&[u8::from(contains_noise)]);
     push(&seed.to_le_bytes());
-    AmplitudeRef::all(device).iter().for_each(|amplitude| push(amplitude.code().as_bytes()));
+    AmplitudeRef::all(&nominal.device).iter().for_each(|amplitude| push(amplitude.code().as_bytes()));
+    push(&tenths(nominal.electronics.numbers.reference_c));
     measured.electronics_c().into_iter().for_each(|celsius| push(&tenths(celsius)));
     for weights in measured.weights.iter().flatten() {
         weights.iter().step_by(BLOCK).for_each(|weight| push(&tenths(*weight)));

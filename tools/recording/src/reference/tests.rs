@@ -250,3 +250,28 @@ fn magnitudes_have_windows_or_the_rates_of_the_heads() {
     let refused = ReferenceAttitude::parse("r.csv", "t_s,rate_deg_s\n1,2\n2,2\n").expect_err("no attitude").to_string();
     assert!(refused.starts_with("r.csv: line 1: header: expected the columns t_s"), "{refused}");
 }
+
+#[test]
+fn the_motion_beside_a_jump_of_the_rate_is_exact() {
+    // 3600″/s about X, from 0.503 s on −7200″/s; a gap after 0.7 s. The turn in each row has a sigma of 2″.
+    let angle = |t_s: f64| 3600.0 * t_s.min(0.503) - 7200.0 * (t_s - 0.503).max(0.0);
+    let row = |row: i32| {
+        let [from_s, to_s] = [row - 1, row].map(|row| f64::from(row) * 0.01);
+        format!("{from_s:.2},{to_s:.2},{:.9},0,0,2\n", angle(to_s) - angle(from_s))
+    };
+    let text: String = (1..=70).chain(80..=120).map(row).collect();
+    let titles = "start_s,end_s,angle_x_arcsec,angle_y_arcsec,angle_z_arcsec,sigma_arcsec\n";
+    let text = titles.to_owned() + &text;
+    let table = CsvTable::new("t.csv", RowReader::new(text.as_bytes())).expect("a table");
+    let read = TrialRows::read("t.csv", table, Gaps::All { has_own_times: false }).expect("a reference");
+    let mut near = 0;
+    for t_s in (1..690).map(|row| f64::from(row) * 1e-3) {
+        let found = read.truth.at(t_s, &mut near).0[0];
+        assert!((found - angle(t_s)).abs() < 1e-6, "{t_s}: {found} {}", angle(t_s));
+    }
+    assert_eq!(read.truth.unknown_s().count(), 1);
+    assert_eq!(read.truth.rows().count(), read.turn_sigma_arcsec.len());
+    // The two parts of a row have its variance together.
+    let variance: f64 = read.turn_sigma_arcsec.iter().map(|sigma| sigma[0] * sigma[0]).sum();
+    assert!((variance - 4.0 * 111.0).abs() < 1e-9, "{variance}");
+}
