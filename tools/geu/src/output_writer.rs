@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::Path;
 
 use crate::command_error::CommandError;
-use crate::outputs::{OutputFile, persist};
+use crate::outputs::OutputFile;
 
 /// Bytes kept before they are written.
 pub const BUFFER: usize = 1 << 18;
