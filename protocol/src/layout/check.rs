@@ -85,44 +85,60 @@ impl ByteTables {
     }
 }
 
-/// Makes a list of the names and constructors of CRC algorithms: `CRC_16_XMODEM` is `CRC-16/XMODEM`.
+/// An algorithm of any width in a register of 32 bits: one kind of code for all, and [`crate::crc`] compiled for its algorithm alone.
+macro_rules! in_32_bits {
+    ($algorithm:expr) => {
+        crc::Algorithm {
+            width: $algorithm.width,
+            poly: $algorithm.poly as u32,
+            init: $algorithm.init as u32,
+            refin: $algorithm.refin,
+            refout: $algorithm.refout,
+            xorout: $algorithm.xorout as u32,
+            check: $algorithm.check as u32,
+            residue: $algorithm.residue as u32,
+        }
+    };
+}
+
+/// Makes a list of the names and parameters of CRC algorithms: `CRC_16_XMODEM` is `CRC-16/XMODEM`.
 macro_rules! catalogue {
-    ($($new:ident $width:ident: $($algorithm:ident)*;)*) => {
-        $(fn $new(algorithm: &'static crc::Algorithm<$width>, length: usize) -> Engine {
-            let crc = Crc::<$width, Table<16>>::new(algorithm);
-            let parameters = CrcParameters {
-                width: algorithm.width.into(),
-                polynomial: algorithm.poly.into(),
-                initial: algorithm.init.into(),
-                reflects_input: algorithm.refin,
-                reflects_output: algorithm.refout,
-                final_xor: algorithm.xorout.into(),
-            };
-            let run = move |parts: &[&[u8]]| {
-                let mut digest = crc.digest();
-                parts.iter().for_each(|part| digest.update(part));
-                digest.finalize().into()
-            };
-            let tables = ByteTables::new(&run, length);
-            Engine::Crc(parameters, Box::new(run), tables)
-        })*
-        const CATALOGUE: &[(&str, fn(usize) -> Engine)] =
-            &[$($((stringify!($algorithm), |length| $new(&crc::$algorithm, length)),)*)*];
+    ($($algorithm:ident)*) => {
+        static CATALOGUE: &[(&str, crc::Algorithm<u32>)] =
+            &[$((stringify!($algorithm), in_32_bits!(crc::$algorithm)),)*];
     };
 }
 
 catalogue! {
-    crc8 u8: CRC_8_AUTOSAR CRC_8_BLUETOOTH CRC_8_CDMA2000 CRC_8_DARC CRC_8_DVB_S2 CRC_8_GSM_A CRC_8_GSM_B CRC_8_HITAG CRC_8_I_432_1
-        CRC_8_I_CODE CRC_8_LTE CRC_8_MAXIM_DOW CRC_8_MIFARE_MAD CRC_8_NRSC_5 CRC_8_OPENSAFETY CRC_8_ROHC CRC_8_SAE_J1850
-        CRC_8_SMBUS CRC_8_TECH_3250 CRC_8_WCDMA;
-    crc16 u16: CRC_16_ARC CRC_16_CDMA2000 CRC_16_CMS CRC_16_DDS_110 CRC_16_DECT_R CRC_16_DECT_X CRC_16_DNP CRC_16_EN_13757
-        CRC_16_GENIBUS CRC_16_GSM CRC_16_IBM_3740 CRC_16_IBM_SDLC CRC_16_ISO_IEC_14443_3_A CRC_16_KERMIT CRC_16_LJ1200
-        CRC_16_M17 CRC_16_MAXIM_DOW CRC_16_MCRF4XX CRC_16_MODBUS CRC_16_NRSC_5 CRC_16_OPENSAFETY_A CRC_16_OPENSAFETY_B
-        CRC_16_PROFIBUS CRC_16_RIELLO CRC_16_SPI_FUJITSU CRC_16_T10_DIF CRC_16_TELEDISK CRC_16_TMS37157 CRC_16_UMTS
-        CRC_16_USB CRC_16_XMODEM;
-    crc32 u32: CRC_24_BLE CRC_24_FLEXRAY_A CRC_24_FLEXRAY_B CRC_24_INTERLAKEN CRC_24_LTE_A CRC_24_LTE_B CRC_24_OPENPGP CRC_24_OS_9
-        CRC_32_AIXM CRC_32_AUTOSAR CRC_32_BASE91_D CRC_32_BZIP2 CRC_32_CD_ROM_EDC CRC_32_CKSUM CRC_32_ISCSI
-        CRC_32_ISO_HDLC CRC_32_JAMCRC CRC_32_MEF CRC_32_MPEG_2 CRC_32_XFER;
+    CRC_8_AUTOSAR CRC_8_BLUETOOTH CRC_8_CDMA2000 CRC_8_DARC CRC_8_DVB_S2 CRC_8_GSM_A CRC_8_GSM_B CRC_8_HITAG CRC_8_I_432_1
+    CRC_8_I_CODE CRC_8_LTE CRC_8_MAXIM_DOW CRC_8_MIFARE_MAD CRC_8_NRSC_5 CRC_8_OPENSAFETY CRC_8_ROHC CRC_8_SAE_J1850 CRC_8_SMBUS
+    CRC_8_TECH_3250 CRC_8_WCDMA CRC_16_ARC CRC_16_CDMA2000 CRC_16_CMS CRC_16_DDS_110 CRC_16_DECT_R CRC_16_DECT_X CRC_16_DNP
+    CRC_16_EN_13757 CRC_16_GENIBUS CRC_16_GSM CRC_16_IBM_3740 CRC_16_IBM_SDLC CRC_16_ISO_IEC_14443_3_A CRC_16_KERMIT
+    CRC_16_LJ1200 CRC_16_M17 CRC_16_MAXIM_DOW CRC_16_MCRF4XX CRC_16_MODBUS CRC_16_NRSC_5 CRC_16_OPENSAFETY_A CRC_16_OPENSAFETY_B
+    CRC_16_PROFIBUS CRC_16_RIELLO CRC_16_SPI_FUJITSU CRC_16_T10_DIF CRC_16_TELEDISK CRC_16_TMS37157 CRC_16_UMTS CRC_16_USB
+    CRC_16_XMODEM CRC_24_BLE CRC_24_FLEXRAY_A CRC_24_FLEXRAY_B CRC_24_INTERLAKEN CRC_24_LTE_A CRC_24_LTE_B CRC_24_OPENPGP
+    CRC_24_OS_9 CRC_32_AIXM CRC_32_AUTOSAR CRC_32_BASE91_D CRC_32_BZIP2 CRC_32_CD_ROM_EDC CRC_32_CKSUM CRC_32_ISCSI
+    CRC_32_ISO_HDLC CRC_32_JAMCRC CRC_32_MEF CRC_32_MPEG_2 CRC_32_XFER
+}
+
+/// The engine of a CRC that usually covers `length` bytes.
+fn crc_engine(algorithm: &'static crc::Algorithm<u32>, length: usize) -> Engine {
+    let crc = Crc::<u32, Table<16>>::new(algorithm);
+    let parameters = CrcParameters {
+        width: algorithm.width.into(),
+        polynomial: algorithm.poly.into(),
+        initial: algorithm.init.into(),
+        reflects_input: algorithm.refin,
+        reflects_output: algorithm.refout,
+        final_xor: algorithm.xorout.into(),
+    };
+    let run = move |parts: &[&[u8]]| {
+        let mut digest = crc.digest();
+        parts.iter().for_each(|part| digest.update(part));
+        digest.finalize()
+    };
+    let tables = ByteTables::new(&run, length);
+    Engine::Crc(parameters, Box::new(run), tables)
 }
 
 /// Names of sums; true for the two's complement, with which all words add up to 0.
@@ -192,7 +208,7 @@ impl Check {
     /// The check of that name; `None` for an unknown name.
     pub fn new(name: &str, place: BitField, covers: Range<usize>) -> Option<Check> {
         let crc = CATALOGUE.iter().find(|(algorithm, _)| catalogue_name(algorithm) == name);
-        let crc = crc.map(|(_, new)| new(covers.len() + Check::MAX_PADDING));
+        let crc = crc.map(|(_, algorithm)| crc_engine(algorithm, covers.len() + Check::MAX_PADDING));
         let sum = || SUMS.iter().find(|(sum, ..)| *sum == name).map(|(_, sum, negated)| Engine::Sum(*sum, *negated));
         let engine = Arc::new(crc.or_else(sum)?);
         Some(Check { name: name.to_owned(), engine, place, covers, pad_to: 1, suffix: Vec::new() })
