@@ -304,7 +304,8 @@ mod tests {
         let temporary = tempfile::tempdir().expect("a directory");
         let (directory, configuration) = (temporary.path().join("run"), Configuration::reference());
         let (destination, planned) = (Destination::new(&directory, false), configuration.clone());
-        let create = move || Recorder::create(&destination, &planned, &Truth::Scenario, LinkLogFormat::Serial, &[]);
+        let create =
+            move || Recorder::create(&destination, &planned, &Truth::Scenario, LinkLogFormat::Serial, &[], None);
         let (mut feed, mut writer) = RecorderThread::new(&directory, create);
         let mut unit = GyroUnit::new(&configuration);
         // The thread does not run yet.

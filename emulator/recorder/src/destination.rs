@@ -11,11 +11,13 @@ use crate::received;
 use crate::{run_toml, truth_csv};
 
 /// Files that a recording can have; `--force` replaces only these.
-pub const FILES: [&str; 13] = [
+pub const FILES: [&str; 15] = [
     "link.log",
     "link.bin",
     "reference.csv",
     "truth.csv",
+    "truth.parquet",
+    "truth.arrow",
     "manoeuvres.csv",
     "commands.jsonl",
     "faults.jsonl",

@@ -5,7 +5,7 @@
 //! scheduled ends, never the wall clock.
 //!
 //! Dependencies run one way: `simulate` uses `event_source` (a unit and its events) and `writer`; that uses a file for each
-//! part (`fault_log`, `reference`, `truth_csv`, `run_toml`, `links`); these use `output` and [`link_model`]; `destination` is
+//! part (`fault_log`, `reference`, `truth`, `run_toml`, `links`); these use `output` and [`link_model`]; `destination` is
 //! the directory, `event` the events of a unit. No live link, no wall clock; the only thread is that of `simulate`.
 
 mod destination;
@@ -20,6 +20,7 @@ pub mod received;
 mod reference;
 mod run_toml;
 mod simulate;
+mod truth;
 mod truth_csv;
 mod writer;
 
@@ -30,4 +31,5 @@ pub use links::{misses, recorded, wire_beside};
 pub use output::RecordError;
 pub use run_toml::{UnfinishedError, complete};
 pub use simulate::{record, simulate};
+pub use truth::{TruthRow, TruthTable, number_names};
 pub use writer::{End, Recorder};

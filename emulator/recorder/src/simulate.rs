@@ -56,7 +56,7 @@ pub fn simulate(
 /// # Errors
 /// A file cannot be written.
 pub fn record(destination: &Destination, configuration: &Configuration, samples: u64) -> Result<(), RecordError> {
-    let mut recorder = Recorder::create(destination, configuration, &Truth::Scenario, LinkLogFormat::Can, &[])?;
+    let mut recorder = Recorder::create(destination, configuration, &Truth::Scenario, LinkLogFormat::Can, &[], None)?;
     simulate(configuration, &Truth::Scenario, samples, &mut recorder, |_| true)?;
     recorder.finish()
 }

@@ -1,4 +1,4 @@
-//! `truth.csv`: true angle, contribution of each effect, and count; one row per gyro and sample.
+//! The truth as CSV.
 //!
 //! A run starts without the column of operator-injected faults, so that it has the files of a simulated run if no fault is
 //! injected. The first injected fault rewrites the previous rows with 0 in that column: at any time the file has the rows of
@@ -8,12 +8,8 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader, Write};
 use std::path::Path;
 
-use geu_model::device::Device;
-use geu_model::effect::{FAULT_COLUMN, columns};
-use geu_model::{CompletedSample, Trace};
-use geu_protocol::capture::Timestamp;
-
 use crate::output::{Output, RecordError};
+use crate::truth::{TruthRow, number_names};
 
 /// Name of the file.
 pub(crate) const NAME: &str = "truth.csv";
@@ -24,78 +20,46 @@ const LEADING: usize = 4;
 /// Buffer size, bytes.
 const CHUNK: usize = 1 << 18;
 
-/// The file, and the columns of a trace in it.
+/// The file.
 pub(crate) struct TruthCsv {
     pub output: Output,
-    columns: Vec<usize>,
 }
 
 impl TruthCsv {
     /// Creates the file with its header.
-    pub fn create(directory: &Path, columns: Vec<usize>) -> Result<TruthCsv, RecordError> {
-        let mut truth = TruthCsv { output: Output::create(directory, NAME)?, columns };
-        let header = truth.header();
-        truth.output.write(|file| writeln!(file, "{header}"))?;
-        Ok(truth)
+    pub fn create(directory: &Path, trace_columns: &[usize]) -> Result<TruthCsv, RecordError> {
+        let mut output = Output::create(directory, NAME)?;
+        output.write(|file| write_header(file, trace_columns))?;
+        Ok(TruthCsv { output })
     }
 
-    fn header(&self) -> String {
-        let codes = columns();
-        let changes: String = self.columns.iter().map(|&column| format!(",{}_counts", codes[column])).collect();
-        format!("t_s,sequence,gyro,true_arcsec{changes},unquantised,count")
-    }
-
-    /// Writes the rows of a sample with its time stamp.
-    pub fn rows(
-        &mut self,
-        device: &Device,
-        stamp: Timestamp,
-        ended: &CompletedSample,
-        traces: &[Trace],
-    ) -> Result<(), RecordError> {
-        let sample = &ended.sample;
-        let row_start = format!("{stamp},{},", sample.sequence);
-        let columns = &self.columns;
+    /// Writes a row; `start`: the cells of its sample.
+    pub fn row(&mut self, start: &str, row: &TruthRow) -> Result<(), RecordError> {
         // Shortest digits that read back exactly, so that the columns add up; `write!` is too slow for this.
         let (mut digits, mut whole) = (zmij::Buffer::new(), itoa::Buffer::new());
         self.output.write(|file| {
-            for ((head, counts), trace) in device.heads.iter().zip(ended.outputs.counts).zip(traces) {
-                file.write_all(row_start.as_bytes())?;
-                file.write_all(head.gyro.name().as_bytes())?;
-                let changes = columns.iter().map(|&column| match column {
-                    FAULT_COLUMN => trace.changes[FAULT_COLUMN] + without_column(trace, columns),
-                    column => trace.changes[column],
-                });
-                for number in std::iter::once(trace.true_arcsec).chain(changes).chain([trace.unquantised]) {
-                    file.write_all(b",")?;
-                    file.write_all(digits.format(number).as_bytes())?;
-                }
+            file.write_all(start.as_bytes())?;
+            file.write_all(row.gyro.as_bytes())?;
+            for number in row.numbers {
                 file.write_all(b",")?;
-                match head.is_rounded {
-                    true => file.write_all(whole.format(counts as i64).as_bytes())?,
-                    false => file.write_all(digits.format(counts).as_bytes())?,
-                }
-                file.write_all(b"\n")?;
+                file.write_all(digits.format(*number).as_bytes())?;
             }
-            Ok(())
+            file.write_all(b",")?;
+            match row.is_rounded {
+                true => file.write_all(whole.format(row.count as i64).as_bytes())?,
+                false => file.write_all(digits.format(row.count).as_bytes())?,
+            }
+            file.write_all(b"\n")
         })
     }
 
-    /// True if the file has the column of operator-injected faults.
-    pub fn has_fault_column(&self) -> bool {
-        self.columns.binary_search(&FAULT_COLUMN).is_ok()
-    }
-
-    /// Adds that column, with 0 in the previous rows.
-    pub fn add_fault_column(&mut self, directory: &Path) -> Result<(), RecordError> {
-        let Err(place) = self.columns.binary_search(&FAULT_COLUMN) else { return Ok(()) };
-        self.columns.insert(place, FAULT_COLUMN);
+    /// Adds the column at `place` of the columns of a trace, with 0 in the previous rows.
+    pub fn add_column(&mut self, directory: &Path, trace_columns: &[usize], place: usize) -> Result<(), RecordError> {
         self.output.flush()?;
         let path = self.output.path.clone();
         let failed = |source| RecordError::Write { path: path.clone(), source };
         let mut wider = Output::create(directory, WIDER)?;
-        let header = self.header();
-        wider.write(|file| writeln!(file, "{header}"))?;
+        wider.write(|file| write_header(file, trace_columns))?;
         for line in BufReader::with_capacity(CHUNK, File::open(&path).map_err(failed)?).lines().skip(1) {
             let line = line.map_err(failed)?;
             let comma = line.match_indices(',').nth(LEADING - 1 + place).map_or(line.len(), |(at, _)| at);
@@ -110,6 +74,10 @@ impl TruthCsv {
     }
 }
 
+fn write_header(file: &mut Vec<u8>, trace_columns: &[usize]) -> io::Result<()> {
+    writeln!(file, "t_s,sequence,gyro,{},count", number_names(trace_columns).join(","))
+}
+
 /// Number of samples with at least part of a row, of a unit with this number of heads.
 pub(crate) fn samples(file: File, heads: usize) -> io::Result<u64> {
     let (mut file, mut rows, mut is_within_row) = (BufReader::with_capacity(CHUNK, file), 0, false);
@@ -122,10 +90,4 @@ pub(crate) fn samples(file: File, heads: usize) -> io::Result<u64> {
     }
     // Minus the header.
     Ok((rows + u64::from(is_within_row)).saturating_sub(1).div_ceil(heads as u64))
-}
-
-/// Sum of the contributions without a column: of effects that only a fault enables.
-fn without_column(trace: &Trace, columns: &[usize]) -> f64 {
-    let others = trace.changes.iter().enumerate().filter(|(column, _)| columns.binary_search(column).is_err());
-    others.map(|(_, change)| change).sum()
 }

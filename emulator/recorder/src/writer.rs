@@ -18,7 +18,7 @@ use crate::link_model::{LinkModel, TransmitQueue, WireData};
 use crate::output::{Output, RecordError};
 use crate::received;
 use crate::reference::ReferenceFiles;
-use crate::truth_csv::TruthCsv;
+use crate::truth::{TruthFile, TruthTable};
 use crate::{links, run_toml};
 
 /// Interface name in `link.log`.
@@ -39,7 +39,7 @@ pub struct Recorder {
     queue: TransmitQueue,
     link: Output,
     faults: FaultLog,
-    truth: TruthCsv,
+    truth: TruthFile,
     commands: Output,
     reference: ReferenceFiles,
     /// True for a truth received during the run.
@@ -63,7 +63,8 @@ pub enum End {
 
 impl Recorder {
     /// Opens the files of a run on `truth`, and removes the replaced ones. `links` are open beside the recording; the
-    /// recorded link is the first with the encoding `wire`, else a default one.
+    /// recorded link is the first with the encoding `wire`, else a default one. A `truth_table` is written in place of
+    /// `truth.csv`, if no fault will be injected.
     ///
     /// # Errors
     /// A directory that is not empty, a directory or file that cannot be written.
@@ -73,6 +74,7 @@ impl Recorder {
         truth: &Truth,
         wire: LinkLogFormat,
         links: &[LinkModel],
+        truth_table: Option<Box<dyn TruthTable>>,
     ) -> Result<Recorder, RecordError> {
         let links = if links.is_empty() { links::without_links(configuration) } else { links.to_vec() };
         let model = links::recorded(wire, configuration, &links);
@@ -86,7 +88,7 @@ impl Recorder {
         let mut recorder = Recorder {
             link: Output::create(directory, link_name)?,
             reference: ReferenceFiles::create(directory, configuration, truth)?,
-            truth: TruthCsv::create(directory, configuration.columns())?,
+            truth: TruthFile::create(directory, configuration, truth_table)?,
             commands: Output::create(directory, run_toml::COMMANDS)?,
             is_received,
             directory: directory.to_owned(),
@@ -217,6 +219,7 @@ impl Recorder {
         self.queue.end(self.end_ns);
         self.write_due(i64::MAX)?;
         self.reference.end()?;
+        self.truth.finish()?;
         self.flush()?;
         self.write_run(false, ended_early)
     }
@@ -242,8 +245,8 @@ impl Recorder {
 
     /// Largest number of buffered bytes of a file.
     fn buffered(&self) -> usize {
-        let outputs = [&self.truth.output, &self.link, &self.faults.file, &self.commands];
-        outputs.map(Output::buffered).into_iter().fold(0, usize::max)
+        let outputs = [&self.link, &self.faults.file, &self.commands].map(Output::buffered);
+        outputs.into_iter().fold(self.truth.buffered(), usize::max)
     }
 
     /// Flushes all files, `truth.csv` before the link: its rows give the number of samples of a truncated recording.
@@ -253,7 +256,7 @@ impl Recorder {
     pub fn flush(&mut self) -> Result<(), RecordError> {
         self.flush_causes()?;
         self.reference.flush_received()?;
-        self.truth.output.flush()?;
+        self.truth.flush()?;
         self.faults.file.flush()?;
         self.link.flush()?;
         self.reference.flush()

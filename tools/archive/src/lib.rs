@@ -11,11 +11,13 @@ mod cells;
 mod columns;
 mod described;
 mod file;
+mod truth;
 
 pub use cells::CellColumns;
 pub use columns::{Columns, UnitColumns};
 pub use described::DeviceColumns;
 pub use file::{BatchFile, FileFormat, Partition};
+pub use truth::TruthFile;
 
 use std::collections::HashMap;
 use std::sync::Arc;

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::atomic::Ordering::Relaxed;
 
 use clap::Args;
+use geu_archive::{FileFormat, TruthFile};
 use geu_files::interruption::stop_flag;
 use geu_model::attitude::{AttitudeProfile, length_s};
 use geu_model::configuration::LinkLogFormat;
@@ -39,9 +40,24 @@ pub struct Arguments {
     /// Format of the link [default: the recorded format, else can]
     #[arg(long, value_parser = choice(LINK_FORMATS))]
     wire: Option<LinkLogFormat>,
+    /// Format of the truth [default: csv]
+    #[arg(long, value_parser = choice(TRUTH_FORMATS))]
+    format: Option<TruthFormat>,
     #[command(flatten)]
     expectations: expectations::ExpectationReport,
 }
+
+#[derive(Debug, Clone, Copy)]
+enum TruthFormat {
+    Csv,
+    Columns(FileFormat),
+}
+
+const TRUTH_FORMATS: &[(&str, TruthFormat, &str)] = &[
+    ("csv", TruthFormat::Csv, "truth.csv"),
+    ("parquet", TruthFormat::Columns(FileFormat::Parquet), "truth.parquet"),
+    ("arrow", TruthFormat::Columns(FileFormat::Arrow), "truth.arrow, an Arrow IPC file (Feather 2)"),
+];
 
 /// Runs `geu simulate`.
 ///
@@ -90,7 +106,11 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     if let Some(reason) = misses(configuration, wire) {
         return Err(CommandError::input(format!("{reason}; name its `link`, or record another --wire")));
     }
-    let mut recorder = Recorder::create(&destination, configuration, &ready.truth, wire, &[])?;
+    let truth_table = match arguments.format {
+        Some(TruthFormat::Columns(format)) => Some(Box::new(TruthFile::new(out, format, configuration)) as Box<_>),
+        Some(TruthFormat::Csv) | None => None,
+    };
+    let mut recorder = Recorder::create(&destination, configuration, &ready.truth, wire, &[], truth_table)?;
     let stop = stop_flag().map_err(|error| CommandError::failed(format!("signals cannot be watched: {error}")))?;
     let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {elapsed} elapsed, {eta} left");
     let bar = ProgressBar::new(count).with_style(style.expect("a template"));

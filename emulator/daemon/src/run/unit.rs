@@ -226,7 +226,7 @@ fn plan_recording(
     let kind = recorded(wire, configuration, &links).kind;
     let (destination, configuration, truth) = (recording.destination.clone(), configuration.clone(), truth.clone());
     let directory = recording.destination.directory();
-    let create = move || Recorder::create(&destination, &configuration, &truth, wire, &links);
+    let create = move || Recorder::create(&destination, &configuration, &truth, wire, &links, None);
     let (feed, thread) = RecorderThread::new(directory, create);
     (feed, thread, kind)
 }
