@@ -21,7 +21,7 @@ pub struct TruthRow<'a> {
     pub is_rounded: bool,
 }
 
-/// A file of the truth in another format than CSV, which is there only once it is complete.
+/// A file of the truth in another format than CSV, which exists only once it is complete.
 pub trait TruthTable {
     fn path(&self) -> &Path;
 

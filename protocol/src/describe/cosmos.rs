@@ -62,7 +62,7 @@ fn crc(link: &PacketLink) -> Option<&Check> {
             && is_last
             && check.place.bits == parameters.width
             && check.place.is_little_endian() == first.place.is_little_endian()
-            && check.pad_to == 1
+            && check.pad_to() == 1
             && check.suffix.is_empty()
     };
     packets.all(is_same).then_some(first).filter(|_| is_possible)

@@ -98,7 +98,7 @@ fn check(check: &Check, frame: &Frame) -> Value {
     let crc = check.parameters().unwrap_or(CrcParameters { width: 0, ..CrcParameters::default() });
     map! { text: check.in_words(frame.length()), at: place.at as u32, length: place.length as u32, type: place.to_string(),
     is_little_endian: place.is_little_endian(), shift: place.shift(), bits: place.bits, from: check.covers.start as u32,
-    to: check.covers.end as u32, pad_to: check.pad_to as u32,
+    to: check.covers.end as u32, pad_to: check.pad_to() as u32,
     suffix: check.suffix.iter().map(|byte| u32::from(*byte)).collect::<Value>(), suffix_list: check.suffix.iter().map(u8::to_string).collect::<Vec<_>>().join(", "),
     width: crc.width, polynomial: hex(crc.polynomial), initial: hex(crc.initial), reflects_input: crc.reflects_input,
     reflects_output: crc.reflects_output, final_xor: hex(crc.final_xor),

@@ -239,7 +239,7 @@ fn checks(packet: &Packet) -> Value {
 /// The CRC of a packet that XTCE can express: of all bytes before it.
 fn crc(packet: &Packet) -> Value {
     let [check] = &packet.frame.checks[..] else { return Value::None };
-    let is_whole = check.covers == (0..check.place.at) && check.pad_to == 1 && check.suffix.is_empty();
+    let is_whole = check.covers == (0..check.place.at) && check.pad_to() == 1 && check.suffix.is_empty();
     let Some(crc) = check.parameters().filter(|_| is_whole) else { return Value::None };
     let digits = crc.width.div_ceil(8) as usize * 2;
     let hex = |number: u64| format!("{number:0digits$X}");

@@ -49,7 +49,7 @@ impl Sum {
 
 /// A CRC of few bytes as the exclusive-or of a table's entry for each: no step waits for the one before.
 struct ByteTables {
-    /// Changes of the value by a byte, by the number of bytes after it.
+    /// Changes of the value by a byte, the last byte's last.
     changes: Vec<[u32; 256]>,
     /// Values of as many zeros.
     of_zeros: Vec<u32>,
@@ -62,7 +62,7 @@ impl ByteTables {
         let mut bytes = [0; 64];
         let of_zeros: Vec<u32> = (0..=length.min(bytes.len())).map(|length| run(&[&bytes[..length]])).collect();
         let mut changes = vec![[0; 256]; of_zeros.len() - 1];
-        for (table, length) in changes.iter_mut().zip(1..) {
+        for (table, length) in changes.iter_mut().rev().zip(1..) {
             for byte in 1..256usize {
                 bytes[0] = byte as u8;
                 table[byte] = match byte & (byte - 1) {
@@ -78,9 +78,12 @@ impl ByteTables {
     #[inline]
     fn value(&self, parts: &[&[u8]]) -> Option<u32> {
         let length = parts.iter().map(|part| part.len()).sum();
-        let mut tables = self.changes.get(..length)?.iter().rev();
-        Some(parts.iter().fold(self.of_zeros[length], |value, part| {
-            part.iter().zip(&mut tables).fold(value, |value, (byte, table)| value ^ table[usize::from(*byte)])
+        let unused = self.changes.len().checked_sub(length)?;
+        let mut tables = &self.changes[unused..];
+        Some(parts.iter().filter(|part| !part.is_empty()).fold(self.of_zeros[length], |value, part| {
+            let (own, later) = tables.split_at(part.len());
+            tables = later;
+            part.iter().zip(own).fold(value, |value, (byte, table)| value ^ table[usize::from(*byte)])
         }))
     }
 }
@@ -190,7 +193,9 @@ pub struct Check {
     /// Bytes covered, without the check itself.
     pub covers: Range<usize>,
     /// Zeros follow the covered bytes up to a multiple of this.
-    pub pad_to: usize,
+    pad_to: usize,
+    /// Number of these zeros.
+    zeros: usize,
     /// Bytes that follow the covered ones and are not sent, such as an identifier.
     pub suffix: Vec<u8>,
 }
@@ -211,7 +216,19 @@ impl Check {
         let crc = crc.map(|(_, algorithm)| crc_engine(algorithm, covers.len() + Check::MAX_PADDING));
         let sum = || SUMS.iter().find(|(sum, ..)| *sum == name).map(|(_, sum, negated)| Engine::Sum(*sum, *negated));
         let engine = Arc::new(crc.or_else(sum)?);
-        Some(Check { name: name.to_owned(), engine, place, covers, pad_to: 1, suffix: Vec::new() })
+        Some(Check { name: name.to_owned(), engine, place, covers, pad_to: 1, zeros: 0, suffix: Vec::new() })
+    }
+
+    /// Lets zeros follow the covered bytes up to a multiple of `pad_to`, at most [`Check::MAX_PADDING`].
+    pub fn pad(&mut self, pad_to: usize) {
+        let is_covered = |at: &usize| !(self.place.at..self.place.end()).contains(at);
+        let length = self.covers.clone().filter(is_covered).count();
+        (self.pad_to, self.zeros) = (pad_to, length.next_multiple_of(pad_to) - length);
+    }
+
+    /// Zeros follow the covered bytes up to a multiple of this.
+    pub fn pad_to(&self) -> usize {
+        self.pad_to
     }
 
     /// Algorithm and covered bytes of a frame of this length, in words.
@@ -248,9 +265,7 @@ impl Check {
         let before = &bytes[start.min(self.place.at)..self.place.at.min(end)];
         let before = if start > self.place.at { &[] } else { before };
         let after = if end > self.place.end() { &bytes[start.max(self.place.end())..end] } else { &[] };
-        let length = before.len() + after.len();
-        let zeros = if self.pad_to > 1 { length.next_multiple_of(self.pad_to) - length } else { 0 };
-        [before, after, &ZEROS[..zeros], &self.suffix]
+        [before, after, &ZEROS[..self.zeros], &self.suffix]
     }
 
     /// The check value of these bytes of a frame.
@@ -314,7 +329,7 @@ mod tests {
     #[test]
     fn zeros_and_a_suffix_are_covered_and_the_check_itself_is_not() {
         let mut padded = check("CRC-32/MPEG-2", "u32be", 9, 0..9);
-        padded.pad_to = 4;
+        padded.pad(4);
         assert_eq!(
             padded.value(b"123456789----"),
             check("CRC-32/MPEG-2", "u32be", 12, 0..12).value(b"123456789\0\0\0")
@@ -342,7 +357,8 @@ mod tests {
                 [(3, 30, 4, 0), (0, 60, 1, 3), (40, 40, 16, 2), (61, 61, 4, 0), (90, 90, 7, 1)]
             {
                 let mut check = check(name, "u8", at, 0..end);
-                (check.pad_to, check.suffix) = (pad_to, bytes[..suffix].to_vec());
+                check.suffix = bytes[..suffix].to_vec();
+                check.pad(pad_to);
                 let Engine::Crc(_, run, tables) = &*check.engine else { unreachable!("a CRC") };
                 let (parts, used) = (check.parts(&bytes), tables.value(&check.parts(&bytes)));
                 assert_eq!(check.value(&bytes), u64::from(run(&parts)), "{name} {at} {end}");

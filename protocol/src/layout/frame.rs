@@ -44,6 +44,11 @@ impl Field {
         (self.scale, self.divisor, self.offset)
     }
 
+    /// Scale and divisor as one factor, if it is exact.
+    pub(super) fn factor(&self) -> Option<f64> {
+        self.factor
+    }
+
     /// The value by the number on the wire, in words.
     pub fn formula(&self) -> String {
         let scale = if self.scale() == 1.0 { String::new() } else { format!(" × {:?}", self.scale()) };

@@ -271,7 +271,7 @@ pub(super) fn check(node: &Node, place: BitField, length: usize) -> Result<Check
         let message = format!("expected a field of {width} without sign for {name}, got {place}");
         return Err(node.error("crc", message));
     }
-    check.pad_to = whole("pad_to", 1, Check::MAX_PADDING)?.max(1);
+    check.pad(whole("pad_to", 1, Check::MAX_PADDING)?.max(1));
     if node.keys().contains(&"suffix") {
         check.suffix = bytes(node, "suffix")?;
     }
