@@ -74,17 +74,21 @@ impl ByteTables {
         ByteTables { changes, of_zeros }
     }
 
-    /// The value of these bytes one after the other; `None` if they are too many.
+    /// The value of [`Check::parts`], the third of which are zeros; `None` if the bytes are too many.
     #[inline]
-    fn value(&self, parts: &[&[u8]]) -> Option<u32> {
-        let length = parts.iter().map(|part| part.len()).sum();
-        let unused = self.changes.len().checked_sub(length)?;
-        let mut tables = &self.changes[unused..];
-        Some(parts.iter().filter(|part| !part.is_empty()).fold(self.of_zeros[length], |value, part| {
+    fn value(&self, [before, after, zeros, suffix]: &[&[u8]; 4]) -> Option<u32> {
+        let zeros = zeros.len();
+        let length = before.len() + after.len() + zeros + suffix.len();
+        let mut tables = &self.changes[self.changes.len().checked_sub(length)?..];
+        let mut add = |value: u32, part: &[u8], zeros: usize| {
             let (own, later) = tables.split_at(part.len());
-            tables = later;
+            // A zero changes nothing.
+            tables = &later[zeros..];
             part.iter().zip(own).fold(value, |value, (byte, table)| value ^ table[usize::from(*byte)])
-        }))
+        };
+        let value = add(self.of_zeros[length], before, if after.is_empty() { zeros } else { 0 });
+        let value = if after.is_empty() { value } else { add(value, after, zeros) };
+        Some(if suffix.is_empty() { value } else { add(value, suffix, 0) })
     }
 }
 
