@@ -68,6 +68,15 @@ def test_columns_of_described_units_are_those_of_the_command(device):
         assert [float(row[name]) if row[name] else None for row in rows] == frame[name].cast(float).to_list(), name
 
 
+def test_the_truth_of_a_simulation_as_columns(tmp_path):
+    import polars
+    recording = geu.simulate(duration=10, format="parquet", out=tmp_path / "run")
+    truth = polars.read_parquet(recording.truth)
+    samples = recording.samples.to_polars()
+    assert truth.filter(polars.col("gyro") == "GYRX")["count"].to_list() == samples["gyrx"].to_list()
+    assert geu.simulate(duration=1).truth.endswith("truth.csv")
+
+
 def test_every_engine_reads_the_stream(recording):
     import duckdb
     import pandas

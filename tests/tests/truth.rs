@@ -196,3 +196,31 @@ fn a_discovered_term_is_simulated_recorded_in_the_truth_and_reproduced() {
     // A scan of 720″/s about Y: (720″/s)²·4·10⁻⁷·0.5 s/0.9987, the limit cycle beside it.
     assert!((0.1038..0.1055).contains(&most), "{most}");
 }
+
+#[test]
+fn the_truth_as_columns_has_the_rows_of_the_csv() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let [text, columns] = ["text", "columns"].map(|name| directory.path().join(name));
+    for device in ["iras", "kvh-1750"] {
+        let arguments = ["--device", device, "--duration", "2", "--seed", "3", "--force"];
+        simulate(&arguments, &text);
+        simulate(&[&arguments[..], &["--format", "parquet"]].concat(), &columns);
+        assert!(!columns.join("truth.csv").exists());
+        let lines = geu_recording::open_rows(&columns.join("truth.parquet")).expect("a table").lines();
+        let cells = |line: String| line.split('\u{1f}').map(str::to_owned).collect::<Vec<_>>();
+        let mut read: Vec<Vec<String>> = lines.map(|line| cells(line.expect("a row"))).collect();
+        let header = read.remove(0);
+        let text = fs::read_to_string(text.join("truth.csv")).expect("a truth");
+        let names: Vec<&str> = text.lines().next().expect("a header").split(',').collect();
+        assert_eq!(header[..4], ["time", "t_s", "time_rest_ns", "t_s_decimals"]);
+        assert_eq!(header[4..], names[1..]);
+        assert_eq!(read.len(), text.lines().count() - 1);
+        for (row, line) in read.iter().zip(text.lines().skip(1)) {
+            let cells: Vec<&str> = line.split(',').collect();
+            assert_eq!((number(&row[1]), &*row[5]), (number(cells[0]), cells[2]));
+            let numbers = [&row[4..5], &row[6..]].concat();
+            let of_text = [&cells[1..2], &cells[3..]].concat();
+            assert!(numbers.iter().zip(of_text).all(|(one, other)| number(one) == number(other)), "{row:?} {line}");
+        }
+    }
+}

@@ -25,22 +25,28 @@ from pyspark.sql import SparkSession
 PARTITION = re.compile(r"([^=/]+)=([^/]+)$")
 
 
-def results(session: SparkSession, jobs: list[list[str]], accepts: tuple[int, ...]) -> list[str]:
-    """The JSON that each command writes, in the order of the commands. One task runs one command."""
+def results(session: SparkSession, jobs: list[list[str]], accepts: tuple[int, ...]) -> list[tuple[str, str]]:
+    """JSON and error message of each command, in the order of the commands; a command has either. One task runs one command."""
 
     def run(frames: Iterator[Any]) -> Iterator[Any]:
         for frame in frames:
-            texts = []
+            texts, errors = [], []
             for words in frame["words"]:
                 with tempfile.TemporaryDirectory() as directory:
                     path = Path(directory, "result.json")
-                    geu.command(*json.loads(words), json=path, accepted=accepts)
-                    texts.append(path.read_text())
-            yield frame[["place"]].assign(text=texts)
+                    try:
+                        geu.command(*json.loads(words), json=path, accepted=accepts)
+                    except geu.GeuError as error:
+                        texts.append("")
+                        errors.append(str(error) or "failed")
+                    else:
+                        texts.append(path.read_text())
+                        errors.append("")
+            yield frame[["place"]].assign(text=texts, error=errors)
 
     rows = [(place, json.dumps(words)) for place, words in enumerate(jobs)]
     frame = session.createDataFrame(rows, "place int, words string").repartition(len(rows), "place")
-    found = {row.place: row.text for row in frame.mapInPandas(run, "place int, text string").collect()}
+    found = {row.place: (row.text, row.error) for row in frame.mapInPandas(run, "place int, text string, error string").collect()}
     return [found[place] for place in range(len(jobs))]
 
 
@@ -50,7 +56,9 @@ def campaign(session: SparkSession, arguments: argparse.Namespace) -> None:
     jobs = [["blind", "campaign", *options, "--shard", f"{part}/{arguments.parts}"] for part in range(1, arguments.parts + 1)]
     with tempfile.TemporaryDirectory() as directory:
         paths = [Path(directory, f"{part}.json") for part in range(len(jobs))]
-        for path, text in zip(paths, results(session, jobs, (0,))):
+        for path, (text, error) in zip(paths, results(session, jobs, (0,))):
+            if error:
+                sys.exit(error)
             path.write_text(text)
         print(geu.command("blind", "merge", *paths, json=arguments.json), end="")
 
@@ -76,9 +84,15 @@ def days(session: SparkSession, arguments: argparse.Namespace) -> None:
     if existing := [name for name in names if (out / name).exists()]:
         sys.exit(f"{out / existing[0]}: expected a free name; choose another --out")
     # A diagnosis that stays unexplained has a result too.
-    for name, text in zip(names, results(session, jobs, (0, 3) if arguments.job == "diagnose" else (0,))):
-        (out / name).write_text(text)
-        print(out / name)
+    found = results(session, jobs, (0, 3) if arguments.job == "diagnose" else (0,))
+    for directory, name, (text, error) in zip(directories, names, found):
+        if error:
+            print(f"{directory}: {error}", file=sys.stderr)
+        else:
+            (out / name).write_text(text)
+            print(out / name)
+    if failed := sum(bool(error) for _, error in found):
+        sys.exit(f"{failed} of {len(found)} directories failed")
 
 
 def main() -> None:

@@ -208,6 +208,8 @@ fn containers(link: &PacketLink, parameters: &mut Parameters) -> Result<Value, S
         |place: BitField| selectors.iter().position(|item| item.place == place).map(|index| names[index].clone());
     let containers = packets.iter().map(|(packet, items)| {
         let packet_name = name(&packet.frame.name);
+        // The names of the links' containers.
+        let packet_name = if matches!(&*packet_name, "can" | "serial") { packet_name + "_frame" } else { packet_name };
         let own = items.iter().skip(if is_sequence { selectors.len() } else { 0 }).enumerate().map(|(index, item)| {
             let mut own = || match item.content {
                 Content::Field(..) | Content::Check(_) => parameters.register(&name(&item.name), &packet_name, number(item)),

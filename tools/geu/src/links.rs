@@ -3,6 +3,7 @@
 use std::net::IpAddr;
 use std::path::PathBuf;
 
+use clap::error::ErrorKind;
 use clap::{ArgMatches, Args, Command, Error, FromArgMatches};
 use geu_daemon::link::{CanAddress, LinkAddress, PtyAddress, SerialAddress, TcpAddress};
 use ipnet::IpNet;
@@ -30,7 +31,7 @@ struct Named {
     #[arg(long, value_name = "ADDRESS")]
     tcp: Vec<String>,
     /// Other machines that may connect over TCP, by address or network; clients can send commands to the unit
-    #[arg(long, value_name = "ADDRESS[/BITS]", value_parser = network)]
+    #[arg(long, value_name = "ADDRESS[/BITS]", value_parser = network, requires = "tcp")]
     tcp_allow: Vec<IpNet>,
 }
 
@@ -91,6 +92,11 @@ impl FromArgMatches for Links {
         links.extend(positions("can").zip(can.into_iter().map(LinkAddress::Can)));
         links.extend(positions("tcp").zip(tcp.map(LinkAddress::Tcp)));
         links.sort_by_key(|(position, _)| *position);
+        let has_pty = links.is_empty() || links.iter().any(|(_, link)| matches!(link, LinkAddress::Pty(_)));
+        if pty_group.is_some() && !has_pty {
+            let message = "--pty-group: expected --pty PATH beside the other links, got none\n";
+            return Err(Error::raw(ErrorKind::MissingRequiredArgument, message));
+        }
         Ok(Links { named: links.into_iter().map(|(_, link)| link).collect(), pty_group })
     }
 

@@ -41,5 +41,5 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
 /// Appends the pages of a command and its subcommands.
 fn add_pages(command: Command, pages: &mut Vec<Man>) {
     command.get_subcommands().cloned().for_each(|within| add_pages(within, pages));
-    pages.push(Man::new(command));
+    pages.push(Man::new(command.version(env!("CARGO_PKG_VERSION"))));
 }

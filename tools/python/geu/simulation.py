@@ -24,6 +24,8 @@ class Recording:
         Path of the recorded link.
     reference : str
         Path of the reference attitude, for ``geu.calibrate`` and ``geu.diagnose``.
+    truth : str
+        Path of the true angles, the contribution of each effect and the counts.
     """
 
     def __init__(self, directory: StrPath, device: StrPath | None = None,
@@ -34,6 +36,8 @@ class Recording:
         if link is None:
             raise InputError(f"{directory}: expected link.log or link.bin, as geu simulate writes", 2)
         self.link, self.reference = str(link), str(self.directory / "reference.csv")
+        truth = next((name for name in ("truth.parquet", "truth.arrow") if (self.directory / name).exists()), "truth.csv")
+        self.truth = str(self.directory / truth)
         self._samples: Samples | None = None
 
     @property
@@ -61,7 +65,8 @@ class Recording:
 
 def simulate(config: StrPath | Configuration | None = None, *, duration: float | str | None = None, seed: int | None = None,
              device: StrPath | None = None, start: float | None = None, truth: StrPath | None = None, faults: Paths | None = None,
-             wire: str | None = None, set: dict[str, Any] | None = None, out: StrPath | None = None, force: bool = False) -> Recording:
+             wire: str | None = None, set: dict[str, Any] | None = None, format: str | None = None, out: StrPath | None = None,
+             force: bool = False) -> Recording:
     """Runs the model without links, as fast as possible.
 
     Parameters
@@ -84,6 +89,8 @@ def simulate(config: StrPath | Configuration | None = None, *, duration: float |
         Link that is recorded.
     set : dict, optional
         Values of the configuration: ``{"gyro.GYRX.drift.arcsec_per_h": 10}``.
+    format : {"csv", "parquet", "arrow"}, optional
+        Format of the truth; CSV without it.
     out : path, optional
         New or empty directory to write into; a temporary one without it.
     force : bool
@@ -100,7 +107,7 @@ def simulate(config: StrPath | Configuration | None = None, *, duration: float |
         out = Path(temporary.name) / "recording"
     device = os.fspath(device) if device is not None else None
     given = options(duration=duration, seed=seed, device=device, start=start, truth=truth, faults=paths(faults) if faults else None,
-                    wire=wire, set=set, out=out, force=force)
+                    wire=wire, set=set, format=format, out=out, force=force)
     with configuration_file(config) as path:
         run("simulate", *given, *([path] if path else []))
     return Recording(out, device, temporary)

@@ -18,6 +18,9 @@ pub enum LinkError {
     /// The symlink or the pty cannot be created.
     #[error("--pty {0}: {1}; expected a path in a directory that exists and may be written")]
     Pty(String, io::Error),
+    /// The pty cannot be given to the group.
+    #[error("--pty-group: {0}; expected a group of the emulator's user, as `id -Gn` lists them")]
+    PtyGroup(io::Error),
     /// The serial port cannot be opened.
     #[error("--serial {0}: {1}; expected a serial device that exists and may be read and written")]
     Serial(String, io::Error),

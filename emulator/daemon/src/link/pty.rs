@@ -118,7 +118,10 @@ pub(super) fn open(
     speedup: f64,
 ) -> Result<StreamLink, LinkError> {
     let PtyAddress { path, group } = address;
-    let fail = |error: nix::Error| LinkError::Pty(path.display().to_string(), error.into());
+    let fail = |error: nix::Error| match (error, group) {
+        (Errno::EPERM, Some(_)) => LinkError::PtyGroup(error.into()),
+        _ => LinkError::Pty(path.display().to_string(), error.into()),
+    };
     let terminal = Terminal::new(*group).map_err(fail)?;
     let symlink = Arc::new(Symlink::create(path, &terminal.slave.0)?);
 
