@@ -24,4 +24,4 @@ mod output;
 mod place;
 
 pub use claims::{ClaimError, claim_input, claim_output, claim_standard_output};
-pub use output::{Output, persist_all, write_whole};
+pub use output::{Output, is_partial, persist_all, write_whole};

@@ -19,6 +19,11 @@ const NAME_BYTES: usize = 200;
 /// Mode of a new file, before the process's mask.
 const MODE: u32 = 0o666;
 
+/// True if the name is that of an incomplete output.
+pub fn is_partial(path: &Path) -> bool {
+    path.as_os_str().as_encoded_bytes().ends_with(SUFFIX.as_bytes())
+}
+
 /// An output. If it is dropped before [`Output::persist`], the previous file is kept.
 ///
 /// A file is written as `NAME.….partial` beside its final path. It keeps the permissions and, if permitted, the owner of the

@@ -204,6 +204,7 @@ fn the_truth_as_columns_has_the_rows_of_the_csv() {
     for device in ["iras", "kvh-1750"] {
         let arguments = ["--device", device, "--duration", "2", "--seed", "3", "--force"];
         simulate(&arguments, &text);
+        simulate(&arguments, &columns);
         simulate(&[&arguments[..], &["--format", "parquet"]].concat(), &columns);
         assert!(!columns.join("truth.csv").exists());
         let lines = geu_recording::open_rows(&columns.join("truth.parquet")).expect("a table").lines();

@@ -56,9 +56,9 @@ def campaign(session: SparkSession, arguments: argparse.Namespace) -> None:
     jobs = [["blind", "campaign", *options, "--shard", f"{part}/{arguments.parts}"] for part in range(1, arguments.parts + 1)]
     with tempfile.TemporaryDirectory() as directory:
         paths = [Path(directory, f"{part}.json") for part in range(len(jobs))]
-        for path, (text, error) in zip(paths, results(session, jobs, (0,))):
+        for part, (path, (text, error)) in enumerate(zip(paths, results(session, jobs, (0,))), start=1):
             if error:
-                sys.exit(error)
+                sys.exit(f"part {part} of {arguments.parts}: {error}")
             path.write_text(text)
         print(geu.command("blind", "merge", *paths, json=arguments.json), end="")
 
@@ -68,31 +68,35 @@ def days(session: SparkSession, arguments: argparse.Namespace) -> None:
     directories = sorted(path for path in glob.glob(arguments.archive) if Path(path).is_dir())
     if not directories:
         sys.exit(f"{arguments.archive}: expected directories of an archive, found none")
-    jobs, names = [], []
+    jobs, names, evaluated, taken = [], [], [], set()
     for directory in directories:
         values = dict(match.groups() for part in Path(directory).parts if (match := PARTITION.match(part)))
         try:
             reference = arguments.reference.format(**values)
         except (IndexError, KeyError, ValueError) as error:
             sys.exit(f"--reference: expected names of {', '.join(values)} in braces, got {arguments.reference}: {error}")
-        if not values or (name := "_".join(values.values()) + ".json") in names:
+        if not values or (name := "_".join(values.values()) + ".json") in taken:
             sys.exit(f"{directory}: expected a path with KEY=VALUE that no other directory has, such as device=iras/day=2026-11-27")
+        taken.add(name)
+        if (Path(arguments.out) / name).exists():
+            if not arguments.resume:
+                sys.exit(f"{Path(arguments.out) / name}: expected a free name; choose another --out, or give --resume to keep it")
+            continue
         names.append(name)
+        evaluated.append(directory)
         jobs.append([arguments.job, "--link", directory, "--reference", reference, *arguments.options])
     out = Path(arguments.out)
     out.mkdir(parents=True, exist_ok=True)
-    if existing := [name for name in names if (out / name).exists()]:
-        sys.exit(f"{out / existing[0]}: expected a free name; choose another --out")
     # A diagnosis that stays unexplained has a result too.
-    found = results(session, jobs, (0, 3) if arguments.job == "diagnose" else (0,))
-    for directory, name, (text, error) in zip(directories, names, found):
+    found = results(session, jobs, (0, 3) if arguments.job == "diagnose" else (0,)) if jobs else []
+    for directory, name, (text, error) in zip(evaluated, names, found):
         if error:
             print(f"{directory}: {error}", file=sys.stderr)
         else:
             (out / name).write_text(text)
             print(out / name)
     if failed := sum(bool(error) for _, error in found):
-        sys.exit(f"{failed} of {len(found)} directories failed")
+        sys.exit(f"{failed} of {len(found)} directories failed; --resume evaluates these again")
 
 
 def main() -> None:
@@ -108,6 +112,7 @@ def main() -> None:
         evaluation.add_argument("archive", help="pattern of directories of days")
         evaluation.add_argument("--reference", required=True, help="reference of a directory; {day} and {device} come from its path")
         evaluation.add_argument("--out", required=True, help="directory of results")
+        evaluation.add_argument("--resume", action="store_true", help="evaluate only directories without a result")
     words = sys.argv[1:]
     place = words.index("--") if "--" in words else len(words)
     arguments = parser.parse_args(words[:place])

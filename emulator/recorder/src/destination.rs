@@ -91,7 +91,9 @@ impl Destination {
         self.check()?;
         // An unwritable directory or a full disk is detected before any file is removed.
         let run = run_toml::write_beside(&self.directory, run, None)?;
-        for path in FILES.iter().filter(|name| **name != run_toml::NEW).map(|name| self.directory.join(name)) {
+        let left = self.partial_truths().map_err(|source| self.failed(source))?;
+        let replaced = FILES.iter().filter(|name| **name != run_toml::NEW).map(|name| self.directory.join(name));
+        for path in replaced.chain(left) {
             match fs::remove_file(&path) {
                 Err(source) if source.kind() != io::ErrorKind::NotFound => {
                     return Err(RecordError::Write { path, source });
@@ -100,6 +102,16 @@ impl Destination {
             }
         }
         Ok((lock, run))
+    }
+
+    /// Truths as columns that killed runs left, incomplete and of no use.
+    fn partial_truths(&self) -> io::Result<Vec<PathBuf>> {
+        let is_left = |path: &PathBuf| {
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            name.starts_with("truth.") && geu_files::is_partial(path)
+        };
+        let paths = fs::read_dir(&self.directory)?.map(|entry| entry.map(|entry| entry.path()));
+        Ok(paths.collect::<io::Result<Vec<_>>>()?.into_iter().filter(is_left).collect())
     }
 
     fn failed(&self, source: io::Error) -> RecordError {

@@ -2,7 +2,7 @@
 //! injected fault and at the end, so that it is complete at any time.
 //!
 //! Until the end it has the key `unfinished`. [`complete`] reads the rest of such a run from the files beside it: commands
-//! from `commands.jsonl`, the duration from `truth.csv`. The recorder flushes commands and faults before their effects, and
+//! from `commands.jsonl`, the duration from `truth.csv`, which `run.toml` states itself of a truth as columns. The recorder flushes commands and faults before their effects, and
 //! `truth.csv` before the link, so that the repeated run contains all that was recorded.
 
 use std::fs::{self, File};
@@ -90,17 +90,19 @@ fn fill(run: &mut Output, configuration: &Configuration, commands: Option<&Path>
 pub fn complete(configuration: &mut Configuration, directory: &Path) -> Result<(), UnfinishedError> {
     let run = &mut configuration.run;
     let path = directory.join(truth_csv::NAME);
-    let refused = |problem| UnfinishedError { path: path.clone(), needed: "duration", problem };
-    let samples = open_input(&path).and_then(|file| truth_csv::samples(file, configuration.device.heads.len()));
-    let samples = samples.map_err(|error| refused(format!("cannot be read: {error}")))?;
-    if samples == 0 {
-        return Err(refused("expected at least one sample, got none".to_owned()));
+    if run.duration_s == 0.0 || path.exists() {
+        let refused = |problem| UnfinishedError { path: path.clone(), needed: "duration", problem };
+        let samples = open_input(&path).and_then(|file| truth_csv::samples(file, configuration.device.heads.len()));
+        let samples = samples.map_err(|error| refused(format!("cannot be read: {error}")))?;
+        if samples == 0 {
+            return Err(refused("expected at least one sample, got none".to_owned()));
+        }
+        run.duration_s = configuration.device.on_board_s(samples);
     }
     let path = directory.join(COMMANDS);
     let refused = |problem| UnfinishedError { path: path.clone(), needed: "commands", problem };
     let file = open_input(&path).map_err(|error| refused(format!("cannot be read: {error}")))?;
     run.commands = read_commands(BufReader::new(file)).map_err(refused)?;
-    run.duration_s = configuration.device.on_board_s(samples);
     (run.is_unfinished, run.ended_early) = (false, None);
     Ok(())
 }

@@ -13,6 +13,8 @@ use crate::truth_csv::TruthCsv;
 
 /// A row of a gyro.
 pub struct TruthRow<'a> {
+    /// Number of the gyro among the heads of the unit, and its name.
+    pub head: usize,
     pub gyro: &'a str,
     /// By [`number_names`].
     pub numbers: &'a [f64],
@@ -83,8 +85,11 @@ impl TruthFile {
     ) -> Result<(), RecordError> {
         let TruthFile { kind, columns, numbers } = self;
         let sequence = ended.sample.sequence;
-        let row_start = format!("{time},{sequence},");
-        for ((head, count), trace) in device.heads.iter().zip(ended.outputs.counts).zip(traces) {
+        let row_start = match kind {
+            TruthFileKind::Csv(_) => format!("{time},{sequence},"),
+            TruthFileKind::Table(_) => String::new(),
+        };
+        for (index, ((head, count), trace)) in device.heads.iter().zip(ended.outputs.counts).zip(traces).enumerate() {
             numbers.clear();
             numbers.push(trace.true_arcsec);
             numbers.extend(columns.iter().map(|&column| match column {
@@ -92,7 +97,7 @@ impl TruthFile {
                 column => trace.changes[column],
             }));
             numbers.push(trace.unquantised);
-            let row = TruthRow { gyro: head.gyro.name(), numbers, count, is_rounded: head.is_rounded };
+            let row = TruthRow { head: index, gyro: head.gyro.name(), numbers, count, is_rounded: head.is_rounded };
             match kind {
                 TruthFileKind::Csv(csv) => csv.row(&row_start, &row)?,
                 TruthFileKind::Table(table) => {
@@ -108,13 +113,17 @@ impl TruthFile {
         self.columns.binary_search(&FAULT_COLUMN).is_ok()
     }
 
-    /// Adds the column of operator-injected faults, with 0 in the previous rows; a table begins with the columns of the whole run.
+    /// Adds the column of operator-injected faults, with 0 in the previous rows.
     pub fn add_fault_column(&mut self, directory: &Path) -> Result<(), RecordError> {
-        let (Err(place), TruthFileKind::Csv(csv)) = (self.columns.binary_search(&FAULT_COLUMN), &mut self.kind) else {
-            return Ok(());
-        };
+        let Err(place) = self.columns.binary_search(&FAULT_COLUMN) else { return Ok(()) };
         self.columns.insert(place, FAULT_COLUMN);
-        csv.add_column(directory, &self.columns, place)
+        match &mut self.kind {
+            TruthFileKind::Csv(csv) => csv.add_column(directory, &self.columns, place),
+            TruthFileKind::Table(table) => {
+                let message = "a fault was injected; expected a truth as CSV, to which a column can be added";
+                Err(failed(&**table, io::Error::other(message)))
+            }
+        }
     }
 
     /// Number of buffered bytes.

@@ -64,7 +64,7 @@ pub enum End {
 impl Recorder {
     /// Opens the files of a run on `truth`, and removes the replaced ones. `links` are open beside the recording; the
     /// recorded link is the first with the encoding `wire`, else a default one. A `truth_table` is written in place of
-    /// `truth.csv`, if no fault will be injected.
+    /// `truth.csv`, for a run of this number of samples without an operator.
     ///
     /// # Errors
     /// A directory that is not empty, a directory or file that cannot be written.
@@ -74,12 +74,16 @@ impl Recorder {
         truth: &Truth,
         wire: LinkLogFormat,
         links: &[LinkModel],
-        truth_table: Option<Box<dyn TruthTable>>,
+        truth_table: Option<(Box<dyn TruthTable>, u64)>,
     ) -> Result<Recorder, RecordError> {
         let links = if links.is_empty() { links::without_links(configuration) } else { links.to_vec() };
         let model = links::recorded(wire, configuration, &links);
         let is_received = matches!(truth, Truth::Stepped(_));
-        let (lock, mut run) = destination.claim(&run_at_start(configuration, wire, &model, &links, is_received))?;
+        let mut planned = run_at_start(configuration, wire, &model, &links, is_received);
+        // Without rows of the truth, an interrupted run does not show its duration.
+        let (table, samples) = truth_table.unzip();
+        planned.run.duration_s = configuration.device.on_board_s(samples.unwrap_or_default());
+        let (lock, mut run) = destination.claim(&planned)?;
         let directory = destination.directory();
         let link_name = match wire {
             LinkLogFormat::Can => "link.log",
@@ -88,7 +92,7 @@ impl Recorder {
         let mut recorder = Recorder {
             link: Output::create(directory, link_name)?,
             reference: ReferenceFiles::create(directory, configuration, truth)?,
-            truth: TruthFile::create(directory, configuration, truth_table)?,
+            truth: TruthFile::create(directory, configuration, table)?,
             commands: Output::create(directory, run_toml::COMMANDS)?,
             is_received,
             directory: directory.to_owned(),
@@ -219,8 +223,8 @@ impl Recorder {
         self.queue.end(self.end_ns);
         self.write_due(i64::MAX)?;
         self.reference.end()?;
-        self.truth.finish()?;
         self.flush()?;
+        self.truth.finish()?;
         self.write_run(false, ended_early)
     }
 

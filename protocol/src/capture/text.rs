@@ -157,7 +157,7 @@ pub fn seconds(text: &[u8]) -> Option<Timestamp> {
 }
 
 /// A time in a unit of this number of nanoseconds, a power of ten; decimals beyond the nanosecond are dropped.
-// Compiled for each unit: most of the lines of a log are read in one.
+// Inlined, so that the unit is a constant.
 #[inline(always)]
 pub fn decimal(text: &[u8], unit_ns: i64) -> Option<Timestamp> {
     let (sign, text) = text.strip_prefix(b"-").map_or((1, text), |rest| (-1, rest));

@@ -7,11 +7,20 @@ use crate::layout::{BitField, Check, Coding};
 use crate::map;
 use crate::template::{Value, engine, filled};
 
-/// Parameters by their names; the same one may be in several packets.
+/// Parameters by their names; the same one may be in several packets. And names of containers.
 #[derive(Default)]
-struct Parameters(Vec<(String, Value)>);
+struct Parameters(Vec<(String, Value)>, Vec<String>);
 
 impl Parameters {
+    /// A free name of a container; `can` and `serial` are the containers of the links.
+    fn container(&mut self, name: String) -> String {
+        let is_free = |name: &String| !matches!(&**name, "can" | "serial") && !self.1.contains(name);
+        let others = (2..).map(|count| format!("{name}_{count}"));
+        let name = [name.clone()].into_iter().chain(others).find(is_free).unwrap_or_default();
+        self.1.push(name.clone());
+        name
+    }
+
     /// The name of a parameter: `name` if no other one has it, or else with the name of its packet.
     fn register(&mut self, name: &str, packet: &str, own: Value) -> String {
         let names = [name.to_owned(), format!("{packet}_{name}")].into_iter();
@@ -207,9 +216,7 @@ fn containers(link: &PacketLink, parameters: &mut Parameters) -> Result<Value, S
     let selector =
         |place: BitField| selectors.iter().position(|item| item.place == place).map(|index| names[index].clone());
     let containers = packets.iter().map(|(packet, items)| {
-        let packet_name = name(&packet.frame.name);
-        // The names of the links' containers.
-        let packet_name = if matches!(&*packet_name, "can" | "serial") { packet_name + "_frame" } else { packet_name };
+        let packet_name = parameters.container(name(&packet.frame.name));
         let own = items.iter().skip(if is_sequence { selectors.len() } else { 0 }).enumerate().map(|(index, item)| {
             let mut own = || match item.content {
                 Content::Field(..) | Content::Check(_) => parameters.register(&name(&item.name), &packet_name, number(item)),

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use ::crc::{self, Crc, Table};
 
+use super::crc_catalogue::{crc_algorithm, crc_algorithms};
 use super::number::BitField;
 use crate::hex::spaced_hex;
 
@@ -92,42 +93,6 @@ impl ByteTables {
     }
 }
 
-/// An algorithm of any width in a register of 32 bits: one kind of code for all, and [`crate::crc`] compiled for its algorithm alone.
-macro_rules! in_32_bits {
-    ($algorithm:expr) => {
-        crc::Algorithm {
-            width: $algorithm.width,
-            poly: $algorithm.poly as u32,
-            init: $algorithm.init as u32,
-            refin: $algorithm.refin,
-            refout: $algorithm.refout,
-            xorout: $algorithm.xorout as u32,
-            check: $algorithm.check as u32,
-            residue: $algorithm.residue as u32,
-        }
-    };
-}
-
-/// Makes a list of the names and parameters of CRC algorithms: `CRC_16_XMODEM` is `CRC-16/XMODEM`.
-macro_rules! catalogue {
-    ($($algorithm:ident)*) => {
-        static CATALOGUE: &[(&str, crc::Algorithm<u32>)] =
-            &[$((stringify!($algorithm), in_32_bits!(crc::$algorithm)),)*];
-    };
-}
-
-catalogue! {
-    CRC_8_AUTOSAR CRC_8_BLUETOOTH CRC_8_CDMA2000 CRC_8_DARC CRC_8_DVB_S2 CRC_8_GSM_A CRC_8_GSM_B CRC_8_HITAG CRC_8_I_432_1
-    CRC_8_I_CODE CRC_8_LTE CRC_8_MAXIM_DOW CRC_8_MIFARE_MAD CRC_8_NRSC_5 CRC_8_OPENSAFETY CRC_8_ROHC CRC_8_SAE_J1850 CRC_8_SMBUS
-    CRC_8_TECH_3250 CRC_8_WCDMA CRC_16_ARC CRC_16_CDMA2000 CRC_16_CMS CRC_16_DDS_110 CRC_16_DECT_R CRC_16_DECT_X CRC_16_DNP
-    CRC_16_EN_13757 CRC_16_GENIBUS CRC_16_GSM CRC_16_IBM_3740 CRC_16_IBM_SDLC CRC_16_ISO_IEC_14443_3_A CRC_16_KERMIT
-    CRC_16_LJ1200 CRC_16_M17 CRC_16_MAXIM_DOW CRC_16_MCRF4XX CRC_16_MODBUS CRC_16_NRSC_5 CRC_16_OPENSAFETY_A CRC_16_OPENSAFETY_B
-    CRC_16_PROFIBUS CRC_16_RIELLO CRC_16_SPI_FUJITSU CRC_16_T10_DIF CRC_16_TELEDISK CRC_16_TMS37157 CRC_16_UMTS CRC_16_USB
-    CRC_16_XMODEM CRC_24_BLE CRC_24_FLEXRAY_A CRC_24_FLEXRAY_B CRC_24_INTERLAKEN CRC_24_LTE_A CRC_24_LTE_B CRC_24_OPENPGP
-    CRC_24_OS_9 CRC_32_AIXM CRC_32_AUTOSAR CRC_32_BASE91_D CRC_32_BZIP2 CRC_32_CD_ROM_EDC CRC_32_CKSUM CRC_32_ISCSI
-    CRC_32_ISO_HDLC CRC_32_JAMCRC CRC_32_MEF CRC_32_MPEG_2 CRC_32_XFER
-}
-
 /// The engine of a CRC that usually covers `length` bytes.
 fn crc_engine(algorithm: &'static crc::Algorithm<u32>, length: usize) -> Engine {
     let crc = Crc::<u32, Table<16>>::new(algorithm);
@@ -160,13 +125,6 @@ const SUMS: [(&str, Sum, bool); 8] = [
     ("xor", Sum::Xor, false),
 ];
 
-/// A name of the catalogue: width after a hyphen, the rest after a slash.
-fn catalogue_name(algorithm: &str) -> String {
-    let mut parts = algorithm.splitn(3, '_');
-    let [kind, width, rest] = [(); 3].map(|()| parts.next().unwrap_or_default());
-    format!("{kind}-{width}/{}", rest.replace('_', "-"))
-}
-
 /// Names of the sums.
 pub fn sum_names() -> Vec<String> {
     SUMS.iter().map(|(name, ..)| (*name).to_owned()).collect()
@@ -174,7 +132,7 @@ pub fn sum_names() -> Vec<String> {
 
 /// Names of all check algorithms.
 pub fn check_names() -> Vec<String> {
-    sum_names().into_iter().chain(CATALOGUE.iter().map(|(algorithm, _)| catalogue_name(algorithm))).collect()
+    sum_names().into_iter().chain(crc_algorithms().map(|(name, _)| name)).collect()
 }
 
 /// Parameters of a CRC, as the catalogue has them.
@@ -214,17 +172,19 @@ impl Check {
     /// Largest `pad_to`.
     pub const MAX_PADDING: usize = 16;
 
-    /// The check of that name; `None` for an unknown name.
+    /// The check of that name or alias; `None` for an unknown name.
     pub fn new(name: &str, place: BitField, covers: Range<usize>) -> Option<Check> {
-        let crc = CATALOGUE.iter().find(|(algorithm, _)| catalogue_name(algorithm) == name);
-        let crc = crc.map(|(_, algorithm)| crc_engine(algorithm, covers.len() + Check::MAX_PADDING));
+        let found = crc_algorithm(name);
+        let name = found.as_ref().map_or(name, |(name, _)| name).to_owned();
+        let crc = found.as_ref().map(|(_, algorithm)| crc_engine(algorithm, covers.len() + Check::MAX_PADDING));
         let sum = || SUMS.iter().find(|(sum, ..)| *sum == name).map(|(_, sum, negated)| Engine::Sum(*sum, *negated));
         let engine = Arc::new(crc.or_else(sum)?);
-        Some(Check { name: name.to_owned(), engine, place, covers, pad_to: 1, zeros: 0, suffix: Vec::new() })
+        Some(Check { name, engine, place, covers, pad_to: 1, zeros: 0, suffix: Vec::new() })
     }
 
     /// Lets zeros follow the covered bytes up to a multiple of `pad_to`, at most [`Check::MAX_PADDING`].
     pub fn pad(&mut self, pad_to: usize) {
+        let pad_to = pad_to.clamp(1, Check::MAX_PADDING);
         let is_covered = |at: &usize| !(self.place.at..self.place.end()).contains(at);
         let length = self.covers.clone().filter(is_covered).count();
         (self.pad_to, self.zeros) = (pad_to, length.next_multiple_of(pad_to) - length);
@@ -349,6 +309,15 @@ mod tests {
         assert!(middle.holds(&bytes) && bytes[2] == 7);
         let negated = check("negated-sum", "u8", 4, 0..4);
         assert_eq!(negated.value(&[1, 2, 3, 250]) as u8, 0);
+    }
+
+    #[test]
+    fn every_algorithm_of_the_catalogue_gives_its_check_value() {
+        for (name, algorithm) in crc_algorithms() {
+            let Engine::Crc(parameters, run, _) = crc_engine(algorithm, 9) else { unreachable!("a CRC") };
+            assert_eq!(run(&[b"12345", b"6789"]), algorithm.check, "{name}");
+            assert!(name.contains(&format!("-{}/", parameters.width)), "{name}");
+        }
     }
 
     #[test]

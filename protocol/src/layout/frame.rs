@@ -44,9 +44,9 @@ impl Field {
         (self.scale, self.divisor, self.offset)
     }
 
-    /// Scale and divisor as one factor, if it is exact.
-    pub(super) fn factor(&self) -> Option<f64> {
-        self.factor
+    /// Factor and offset of reading.
+    pub(super) fn reading(&self) -> Reading {
+        Reading { factor: self.factor, divisor: self.divisor, offset: self.offset }
     }
 
     /// The value by the number on the wire, in words.
@@ -67,8 +67,7 @@ impl Field {
     /// The value of a number on the wire.
     #[inline]
     pub fn value(&self, number: f64) -> f64 {
-        // A division takes longer than all the rest.
-        self.factor.map_or_else(|| number / self.divisor, |factor| number * factor) + self.offset
+        self.reading().value(number)
     }
 
     #[inline]
@@ -90,6 +89,22 @@ impl Field {
         let (low, high) = self.place.limits();
         let value = |number: f64| number * self.scale() + self.offset;
         (value(low).min(value(high)), value(low).max(value(high)))
+    }
+}
+
+/// Factor and offset from a number on the wire to its value.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Reading {
+    factor: Option<f64>,
+    divisor: f64,
+    offset: f64,
+}
+
+impl Reading {
+    #[inline]
+    pub fn value(self, number: f64) -> f64 {
+        // A division takes longer than all the rest.
+        self.factor.map_or_else(|| number / self.divisor, |factor| number * factor) + self.offset
     }
 }
 

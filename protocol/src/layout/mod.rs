@@ -21,6 +21,7 @@
 
 mod assembly;
 mod check;
+mod crc_catalogue;
 mod dbc;
 mod frame;
 mod framing;

@@ -1,6 +1,6 @@
 //! Fields of a frame as steps: a load of eight bytes, two shifts, scale and offset; or a bit.
 
-use super::frame::Field;
+use super::frame::{Field, Reading};
 use super::number::Coding;
 
 /// Reads the fields of frames of one length.
@@ -25,10 +25,7 @@ struct NumberStep {
     right: u32,
     /// The bit of the sign, or 0.
     sign: u64,
-    /// Value of one unit; 1 for a number that is divided.
-    factor: f64,
-    divisor: Option<f64>,
-    offset: f64,
+    reading: Reading,
 }
 
 impl FieldPlan {
@@ -45,10 +42,9 @@ impl FieldPlan {
             (field.slot, at, place.shift() % 8, [0.0, 1.0].map(|number| field.value(number)))
         };
         let last = length.checked_sub(size_of::<u64>());
-        let number = |field: &Field, last: usize| {
-            let (place, at) = (field.place, field.place.at.min(last));
+        let number = |field: &Field| {
+            let (place, at) = (field.place, field.place.at.min(last.unwrap_or_default()));
             let before = if place.is_little_endian() { place.at - at } else { at + 8 - place.end() };
-            let (scale, divisor, offset) = field.scaling();
             NumberStep {
                 slot: field.slot,
                 at,
@@ -56,16 +52,14 @@ impl FieldPlan {
                 left: u64::BITS - 8 * before as u32 - place.shift() - place.bits,
                 right: u64::BITS - place.bits,
                 sign: u64::from(place.coding == Coding::Signed) << (place.bits - 1),
-                factor: field.factor().unwrap_or(scale),
-                divisor: field.factor().is_none().then_some(divisor),
-                offset,
+                reading: field.reading(),
             }
         };
         let is_whole = |field: &&Field| field.place.coding != Coding::Float && field.place.bits < u64::BITS;
         let (whole, others): (Vec<&Field>, Vec<&Field>) =
             numbers.into_iter().partition(|field| last.is_some() && is_whole(field));
         FieldPlan {
-            numbers: whole.into_iter().zip(last.into_iter().cycle()).map(|(field, last)| number(field, last)).collect(),
+            numbers: whole.into_iter().map(number).collect(),
             others: others.into_iter().cloned().collect(),
             bits: bits.into_iter().map(bit).collect(),
         }
@@ -75,13 +69,10 @@ impl FieldPlan {
     #[inline]
     pub fn read(&self, bytes: &[u8], values: &mut [f64]) {
         for step in &self.numbers {
-            let Some(Some(own)) = bytes.get(step.at..).map(<[u8]>::first_chunk) else { continue };
-            let word = if step.is_little_endian { u64::from_le_bytes(*own) } else { u64::from_be_bytes(*own) };
+            let own = bytes[step.at..step.at + size_of::<u64>()].try_into().expect("eight bytes");
+            let word = if step.is_little_endian { u64::from_le_bytes(own) } else { u64::from_be_bytes(own) };
             let bits = word << step.left >> step.right;
-            let number = (bits ^ step.sign).wrapping_sub(step.sign) as i64 as f64;
-            // A division takes longer than all the rest.
-            let scaled = step.divisor.map_or(number * step.factor, |divisor| number / divisor);
-            values[step.slot] = scaled + step.offset;
+            values[step.slot] = step.reading.value((bits ^ step.sign).wrapping_sub(step.sign) as i64 as f64);
         }
         for field in &self.others {
             values[field.slot] = field.read(bytes);

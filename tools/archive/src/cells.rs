@@ -7,7 +7,7 @@ use arrow_array::{ArrayRef, BooleanArray, Float64Array, Int64Array, RecordBatch,
 use arrow_schema::{Schema, SchemaRef};
 use geu_model::device::columns::TIME;
 use geu_protocol::capture::Timestamp;
-use geu_recording::archive::{ColumnKind, DEVICE};
+use geu_recording::archive::{CONTENT, ColumnKind, DEVICE};
 
 use crate::described::type_of;
 use crate::{Columns, Times, VERSION, emptied, field};
@@ -29,8 +29,9 @@ pub struct CellColumns<R> {
 }
 
 impl<R> CellColumns<R> {
-    /// Columns of rows of a unit.
+    /// Columns of rows of a unit; `content` names them in the metadata.
     pub fn new(
+        content: &str,
         unit_name: &str,
         time: fn(&R) -> Option<Timestamp>,
         columns: impl Iterator<Item = CellColumn<R>>,
@@ -41,7 +42,7 @@ impl<R> CellColumns<R> {
             let has_unit = |unit: &&str| name.strip_suffix(unit).is_some_and(|rest| rest.ends_with('_'));
             field(name, type_of(*kind), UNITS.into_iter().find(has_unit).unwrap_or_default(), true)
         }));
-        let metadata = [(DEVICE, unit_name), (VERSION, env!("CARGO_PKG_VERSION"))];
+        let metadata = [(CONTENT, content), (DEVICE, unit_name), (VERSION, env!("CARGO_PKG_VERSION"))];
         let metadata: HashMap<String, String> = metadata.map(|(key, value)| (key.to_owned(), value.to_owned())).into();
         CellColumns {
             schema: Arc::new(Schema::new_with_metadata(fields, metadata)),

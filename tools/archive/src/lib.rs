@@ -17,7 +17,7 @@ pub use cells::CellColumns;
 pub use columns::{Columns, UnitColumns};
 pub use described::DeviceColumns;
 pub use file::{BatchFile, FileFormat, Partition};
-pub use truth::TruthFile;
+pub use truth::TruthColumns;
 
 use std::collections::HashMap;
 use std::sync::Arc;

@@ -14,7 +14,7 @@ use geu_model::Configuration;
 use geu_model::device::columns::TIME;
 use geu_protocol::capture::Timestamp;
 use geu_recorder::{TruthRow, TruthTable, number_names};
-use geu_recording::archive::DEVICE;
+use geu_recording::archive::{CONTENT, DEVICE};
 
 use crate::{BatchFile, FileFormat, Times, VERSION, emptied, field};
 
@@ -22,7 +22,7 @@ use crate::{BatchFile, FileFormat, Times, VERSION, emptied, field};
 const BATCH_ROWS: usize = 1 << 16;
 
 /// `truth.parquet` or `truth.arrow`: the columns of `truth.csv`, with the columns of times of samples.
-pub struct TruthFile {
+pub struct TruthColumns {
     path: PathBuf,
     format: FileFormat,
     schema: SchemaRef,
@@ -37,9 +37,9 @@ pub struct TruthFile {
     file: Option<BatchFile>,
 }
 
-impl TruthFile {
+impl TruthColumns {
     /// The file of a run in `directory`, which is created with the first batch.
-    pub fn new(directory: &Path, format: FileFormat, configuration: &Configuration) -> TruthFile {
+    pub fn new(directory: &Path, format: FileFormat, configuration: &Configuration) -> TruthColumns {
         let device = &configuration.device;
         let names = number_names(&configuration.columns());
         let is_rounded = device.heads.iter().all(|head| head.is_rounded);
@@ -51,9 +51,9 @@ impl TruthFile {
         let unit = |name: &str| if name == "true_arcsec" { "arcsec" } else { "count" };
         fields.extend(names.iter().map(|name| field(name, DataType::Float64, unit(name), false)));
         fields.push(field("count", kind_of_count, "count", false));
-        let metadata = [(DEVICE, device.unit_name()), (VERSION, env!("CARGO_PKG_VERSION"))];
+        let metadata = [(CONTENT, "truth"), (DEVICE, device.unit_name()), (VERSION, env!("CARGO_PKG_VERSION"))];
         let metadata: HashMap<String, String> = metadata.map(|(key, value)| (key.to_owned(), value.to_owned())).into();
-        TruthFile {
+        TruthColumns {
             path: directory.join(format!("truth.{}", format.suffix())),
             format,
             schema: Arc::new(Schema::new_with_metadata(fields, metadata)),
@@ -93,7 +93,7 @@ impl TruthFile {
     }
 }
 
-impl TruthTable for TruthFile {
+impl TruthTable for TruthColumns {
     fn path(&self) -> &Path {
         &self.path
     }
@@ -101,8 +101,7 @@ impl TruthTable for TruthFile {
     fn row(&mut self, time: Timestamp, sequence: u16, row: &TruthRow) -> io::Result<()> {
         self.times.push(Some(time));
         self.sequence.push(sequence.into());
-        let place = self.gyro_names.iter().position(|name| name == Some(row.gyro));
-        self.gyro.push(place.expect("a gyro of the unit") as u8);
+        self.gyro.push(row.head as u8);
         self.numbers.iter_mut().zip(row.numbers).for_each(|(column, number)| column.push(*number));
         self.count.push(row.count);
         if self.count.len() >= BATCH_ROWS {

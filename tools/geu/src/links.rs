@@ -3,11 +3,12 @@
 use std::net::IpAddr;
 use std::path::PathBuf;
 
-use clap::error::ErrorKind;
 use clap::{ArgMatches, Args, Command, Error, FromArgMatches};
 use geu_daemon::link::{CanAddress, LinkAddress, PtyAddress, SerialAddress, TcpAddress};
 use ipnet::IpNet;
 use nix::unistd::{Gid, Group};
+
+use crate::command_error::CommandError;
 
 /// Name of the default pty.
 const DEFAULT_PTY: &str = "geu0";
@@ -60,13 +61,20 @@ pub struct Links {
 
 impl Links {
     /// Addresses; the default pty if no link is given.
-    pub fn addresses(&self) -> Vec<LinkAddress> {
+    ///
+    /// # Errors
+    /// A group without a pty.
+    pub fn addresses(&self) -> Result<Vec<LinkAddress>, CommandError> {
+        let has_pty = self.named.is_empty() || self.named.iter().any(|link| matches!(link, LinkAddress::Pty(_)));
+        if self.pty_group.is_some() && !has_pty {
+            return Err(CommandError::input("--pty-group: expected --pty PATH beside the other links, got none"));
+        }
         if self.named.is_empty() {
             let directory = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from).filter(|path| path.is_dir());
             let path = directory.unwrap_or_else(|| "/tmp".into()).join(DEFAULT_PTY);
-            return vec![LinkAddress::Pty(PtyAddress { path, group: self.pty_group })];
+            return Ok(vec![LinkAddress::Pty(PtyAddress { path, group: self.pty_group })]);
         }
-        self.named.clone()
+        Ok(self.named.clone())
     }
 }
 
@@ -92,11 +100,6 @@ impl FromArgMatches for Links {
         links.extend(positions("can").zip(can.into_iter().map(LinkAddress::Can)));
         links.extend(positions("tcp").zip(tcp.map(LinkAddress::Tcp)));
         links.sort_by_key(|(position, _)| *position);
-        let has_pty = links.is_empty() || links.iter().any(|(_, link)| matches!(link, LinkAddress::Pty(_)));
-        if pty_group.is_some() && !has_pty {
-            let message = "--pty-group: expected --pty PATH beside the other links, got none\n";
-            return Err(Error::raw(ErrorKind::MissingRequiredArgument, message));
-        }
         Ok(Links { named: links.into_iter().map(|(_, link)| link).collect(), pty_group })
     }
 

@@ -194,7 +194,7 @@ fn readable(name: &str) -> Result<(), CommandError> {
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     arguments.check()?;
     let options = replay::ReplayOptions {
-        links: arguments.links.addresses(),
+        links: arguments.links.addresses()?,
         speed: arguments.speed.unwrap_or(Speed::Times(1.0)),
         wait_for_client: arguments.wait,
         recorded_plan: arguments.base.unwrap_or_default(),

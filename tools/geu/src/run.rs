@@ -88,7 +88,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         )));
     }
     let options = RunOptions {
-        links: arguments.links.addresses(),
+        links: arguments.links.addresses()?,
         speed: arguments.speed.unwrap_or(Speed::Times(1.0)),
         samples: ready.samples(arguments.duration)?,
         spin: Duration::from_micros(arguments.spin.into()),

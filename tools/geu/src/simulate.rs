@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::atomic::Ordering::Relaxed;
 
 use clap::Args;
-use geu_archive::{FileFormat, TruthFile};
+use geu_archive::{FileFormat, TruthColumns};
 use geu_files::interruption::stop_flag;
 use geu_model::attitude::{AttitudeProfile, length_s};
 use geu_model::configuration::LinkLogFormat;
@@ -41,7 +41,7 @@ pub struct Arguments {
     #[arg(long, value_parser = choice(LINK_FORMATS))]
     wire: Option<LinkLogFormat>,
     /// Format of the truth [default: csv]
-    #[arg(long, value_parser = choice(TRUTH_FORMATS))]
+    #[arg(long, requires = "out", value_parser = choice(TRUTH_FORMATS))]
     format: Option<TruthFormat>,
     #[command(flatten)]
     expectations: expectations::ExpectationReport,
@@ -107,7 +107,9 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         return Err(CommandError::input(format!("{reason}; name its `link`, or record another --wire")));
     }
     let truth_table = match arguments.format {
-        Some(TruthFormat::Columns(format)) => Some(Box::new(TruthFile::new(out, format, configuration)) as Box<_>),
+        Some(TruthFormat::Columns(format)) => {
+            Some((Box::new(TruthColumns::new(out, format, configuration)) as Box<_>, count))
+        }
         Some(TruthFormat::Csv) | None => None,
     };
     let mut recorder = Recorder::create(&destination, configuration, &ready.truth, wire, &[], truth_table)?;

@@ -166,8 +166,12 @@ fn track<D: Decode>(
         Format::Columns(format) => {
             verify_columns_place(out)?;
             let unit_name = device.map_or(DEFAULT_DEVICE, Device::unit_name);
-            let columns =
-                CellColumns::new(unit_name, |track: &Track| track.time, track_columns(device.is_some()).skip(1));
+            let columns = CellColumns::new(
+                "track",
+                unit_name,
+                |track: &Track| track.time,
+                track_columns(device.is_some()).skip(1),
+            );
             let place = ColumnPlace::File(out);
             track_to(arguments, reader, push, ColumnRows { columns, format, place, files: None, has_rows: false })
         }

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use clap::Args;
 use geu_recording::{Decode, InputReader, ReferenceAttitude, Sink};
-use geu_watch::{DeviceMonitor, Event, FALSE_ALARM_INTERVAL_DAYS, Monitor, THRESHOLD};
+use geu_watch::{DeviceMonitor, Event, FALSE_ALARM_INTERVAL_DAYS, Monitor, START_S, THRESHOLD};
 use serde_json::Value;
 use ureq::http::Method;
 
@@ -106,24 +106,26 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     }
     let publisher = emulator.map(Publisher::start);
     let stop = arguments.reading.stop_at_signals(slice::from_ref(&arguments.link))?;
+    let interval_s = configuration.device.interval_s;
     match reference {
         Some(reference) if !configuration.device.is_iras() => {
             let mut monitor = DeviceMonitor::new(&configuration, reference);
             let reader = arguments.reading.device_reader(&configuration.device, stop)?;
-            watch(arguments, reader, publisher, |row| monitor.push(row))
+            watch(arguments, reader, publisher, interval_s, |row| monitor.push(row))
         }
         reference => {
             let mut monitor = Monitor::new(&configuration, reference, arguments.clock);
-            watch(arguments, arguments.reading.reader(stop)?, publisher, |row| monitor.push(row))
+            watch(arguments, arguments.reading.reader(stop)?, publisher, interval_s, |row| monitor.push(row))
         }
     }
 }
 
-/// Watches the rows of the link.
+/// Watches the rows of the link, one each `interval_s`.
 fn watch<D: Decode>(
     arguments: &Arguments,
     mut reader: InputReader<D>,
     publisher: Option<Publisher>,
+    interval_s: f64,
     push: impl FnMut(&D::Row) -> Vec<Event>,
 ) -> Result<(), CommandError> {
     let mut printer = Printer { push, publisher, samples: 0, alarms: 0, interruptions: 0, broken: None };
@@ -143,6 +145,9 @@ fn watch<D: Decode>(
     note_elsewhere(&summary);
     result.and(ending)?;
     arguments.reading.note_no_rows(&summary);
+    if samples > 0 && samples as f64 * interval_s <= START_S {
+        note(format_args!("geu: no change was searched for: the input ended within the first half hour\n"));
+    }
     match arguments.strict && alarms > 0 {
         true => Err(CommandError::failed(format!("--strict: {alarms} alarms"))),
         false => Ok(()),

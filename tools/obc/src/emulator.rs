@@ -1,5 +1,6 @@
 //! The emulator: a child process or a running one; its link, and the truth sent to it.
 
+use std::env;
 use std::fs::OpenOptions;
 use std::io::ErrorKind::{Interrupted, TimedOut, WouldBlock};
 use std::io::{self, BufRead, BufReader, Write};
@@ -60,17 +61,21 @@ pub struct CompletedSample {
     pub samples: Vec<Sample>,
 }
 
-/// The given program `geu`, else that in the directory of this program.
+/// The given program `geu`, else that in the directory of this program, else that of the PATH.
 ///
 /// # Errors
 /// There is no such program.
 pub fn program(named: Option<&Path>) -> Result<PathBuf, String> {
-    let beside = || std::env::current_exe().ok().map(|own| own.with_file_name("geu"));
-    let path = named.map(Path::to_owned).or_else(beside).unwrap_or_default();
-    match path.is_file() {
-        true => Ok(path),
-        false => Err(format!("--geu: expected the program geu, got {}, which does not exist", path.display())),
+    if let Some(path) = named {
+        let missing = || format!("--geu: expected the program geu, got {}, which does not exist", path.display());
+        return path.is_file().then(|| path.to_owned()).ok_or_else(missing);
     }
+    let beside = env::current_exe().ok().map(|own| own.with_file_name("geu"));
+    let paths = env::var_os("PATH").unwrap_or_default();
+    let mut places = beside.into_iter().chain(env::split_paths(&paths).map(|directory| directory.join("geu")));
+    let missing =
+        "--geu: expected the program geu in the directory of this program or of PATH, got none; give --geu PROGRAM";
+    places.find(|path| path.is_file()).ok_or_else(|| missing.to_owned())
 }
 
 impl Emulator {

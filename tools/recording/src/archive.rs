@@ -21,6 +21,8 @@ use crate::text::timestamp;
 
 /// Key of the name of the unit in the metadata of a file.
 pub const DEVICE: &str = "geu.device";
+/// Key of what the rows are, where they are no samples: a track, or the truth of a recording.
+pub const CONTENT: &str = "geu.content";
 /// Key of its description; absent for the default unit.
 pub const DESCRIPTION: &str = "geu.description";
 /// Ends of the names of files.

@@ -69,7 +69,10 @@ pub enum InputError {
     #[error("{name}: {foreign}")]
     Foreign { name: String, foreign: &'static Foreign },
     /// Text in no known format.
-    #[error("{name}: line 1: expected {}, got {got}; --input-format selects a format", Format::titles(true))]
+    #[error(
+        "{name}: line 1: expected {}, got {got}; --input-format selects a format, --device another unit",
+        Format::titles(true)
+    )]
     UnknownText { name: String, got: String },
     /// A file or directory of an archive that is not read.
     #[error("{name}: {message}")]

@@ -26,7 +26,7 @@ pub fn no_rows_reason(summary: &DecodeSummary, plan: CanIdMap, format: Option<&F
     if account.records == 0 {
         let bytes = account.bytes;
         return Some(format!(
-            "no sample: expected serial frames EB 90 01 16 …, got {bytes} bytes with {} of commands, {} of replies, {defects}",
+            "no sample: expected serial frames EB 90 01 16 …, got {bytes} bytes with {} of commands, {} of replies, {defects}; --device selects another unit",
             account.command_bytes, account.reply_bytes
         ));
     }

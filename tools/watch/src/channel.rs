@@ -12,8 +12,10 @@ pub const FALSE_ALARM_INTERVAL_DAYS: f64 = 30.0;
 /// Chi-square of one degree of freedom above which a change is an alarm: exceeded at random once in the 12 million looks of that time,
 /// four channels with six kinds each five seconds, at onsets of three ages: older and newer ones give much the same.
 pub const THRESHOLD: f64 = 31.0;
-/// Samples at the start in which states and noise are estimated: half an hour.
+/// Samples at the start in which states and noise are estimated.
 const START_SAMPLES: u64 = 3600;
+/// Length of this start, s.
+pub const START_S: f64 = START_SAMPLES as f64 * SAMPLE_INTERVAL_S;
 /// Samples between two looks at the kinds, a minute, or this share of the time since the alarm.
 const NAMING_SAMPLES: u64 = 120;
 const NAMING_SHARE: u64 = 16;

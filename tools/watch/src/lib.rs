@@ -21,7 +21,7 @@ mod kind;
 mod monitor;
 mod reference_model;
 
-pub use channel::{FALSE_ALARM_INTERVAL_DAYS, THRESHOLD};
+pub use channel::{FALSE_ALARM_INTERVAL_DAYS, START_S, THRESHOLD};
 pub use described::DeviceMonitor;
 pub use event::Event;
 pub use monitor::Monitor;

@@ -1,5 +1,6 @@
 //! What the model takes from a unit: interval, limits, gyros.
 
+use super::DEFAULT_DEVICE;
 use geu_protocol::layout::{Field, Quantity, ValueSpec};
 use geu_protocol::{Gyro, Gyros};
 
@@ -18,6 +19,9 @@ impl Device {
 
     /// Name of the unit as `--device` has it, or of the file of its description, without `.toml`.
     pub fn unit_name(&self) -> &str {
+        if self.is_iras() {
+            return DEFAULT_DEVICE;
+        }
         let name = self.description.name.rsplit('/').next().unwrap_or_default();
         self.known_name().unwrap_or(name.strip_suffix(".toml").unwrap_or(name))
     }

@@ -70,6 +70,12 @@ impl Archive {
             found.and_then(|own| own.value.clone())
         };
         let Some(name) = value(DEVICE) else { return Ok(None) };
+        if let Some(content) = value(super::CONTENT) {
+            let content = excerpt(&content);
+            return Err(invalid(format!(
+                "expected samples, got a {content}; give the link or its archive of geu decode"
+            )));
+        }
         if name != unit.name && value(super::DESCRIPTION).is_none_or(|text| text != unit.description) {
             let (own, name) = (&unit.name, excerpt(&name));
             return Err(invalid(format!("expected an archive of {own}, got {name}; give --device {name}")));
