@@ -141,7 +141,9 @@ impl Scratch {
     fn start_background(&self, block: &Block) -> Running {
         let mut running = self.start(&format!("exec {}", block.script), "background");
         let began = Instant::now();
-        while !self.output("background").contains("ready control") {
+        // A replay has no control interface.
+        let is_ready = if block.script.starts_with("geu replay") { "ready" } else { "ready control" };
+        while !self.output("background").contains(is_ready) {
             let code = running.0.try_wait().expect("a process");
             assert!(
                 code.is_none() && began.elapsed() < TIMEOUT,

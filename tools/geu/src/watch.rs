@@ -145,7 +145,7 @@ fn watch<D: Decode>(
     note_elsewhere(&summary);
     result.and(ending)?;
     arguments.reading.note_no_rows(&summary);
-    if samples > 0 && samples as f64 * interval_s <= START_S {
+    if !arguments.quiet && samples > 0 && samples as f64 * interval_s <= START_S {
         note(format_args!("geu: no change was searched for: the input ended within the first half hour\n"));
     }
     match arguments.strict && alarms > 0 {
