@@ -6,6 +6,8 @@ use std::path::Path;
 use std::process::Output;
 
 use geu_tests::geu;
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
 
 fn run(arguments: &[&str]) -> Output {
     geu().args(arguments).output().expect("geu starts")
@@ -224,4 +226,28 @@ fn the_truth_as_columns_has_the_rows_of_the_csv() {
             assert!(numbers.iter().zip(of_text).all(|(one, other)| number(one) == number(other)), "{row:?} {line}");
         }
     }
+}
+
+#[test]
+fn a_killed_run_with_a_truth_as_columns_is_repeated_to_its_planned_end() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let [killed, again] = ["killed", "again"].map(|name| directory.path().join(name));
+    let arguments = ["simulate", "--duration", "30d", "--format", "parquet", "--out", path(&killed)];
+    let mut child = geu().args(arguments).stderr(std::process::Stdio::null()).spawn().expect("geu starts");
+    let is_partial = |entry: std::io::Result<fs::DirEntry>| {
+        entry.expect("a file").path().extension().is_some_and(|end| end == "partial")
+    };
+    while !fs::read_dir(&killed).is_ok_and(|mut files| files.any(is_partial)) {
+        assert!(child.try_wait().expect("a process").is_none(), "ended before its first rows");
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    kill(Pid::from_raw(child.id() as i32), Signal::SIGKILL).expect("killed");
+    child.wait().expect("its end");
+    let run = fs::read_to_string(killed.join("run.toml")).expect("a configuration");
+    assert!(run.contains("duration_s = 2592000.0") && run.contains("unfinished = true"), "{run}");
+    simulate(&[path(&killed.join("run.toml")), "--duration", "5"], &again);
+    simulate(&["--duration", "5", "--format", "parquet", "--force"], &killed);
+    assert!(!fs::read_dir(&killed).expect("files").any(is_partial));
+    let [of_killed, of_again] = [&killed, &again].map(|run| fs::read(run.join("link.log")).expect("a link"));
+    assert!(of_killed == of_again);
 }

@@ -2,8 +2,9 @@
 //! injected fault and at the end, so that it is complete at any time.
 //!
 //! Until the end it has the key `unfinished`. [`complete`] reads the rest of such a run from the files beside it: commands
-//! from `commands.jsonl`, the duration from `truth.csv`, which `run.toml` states itself of a truth as columns. The recorder flushes commands and faults before their effects, and
-//! `truth.csv` before the link, so that the repeated run contains all that was recorded.
+//! from `commands.jsonl`, the duration from `truth.csv`. With a truth as columns, `run.toml` has the planned duration instead. The
+//! recorder flushes commands and faults before their effects, and `truth.csv` before the link, so that the repeated run contains
+//! all that was recorded.
 
 use std::fs::{self, File};
 use std::io::{self, BufRead, BufReader, Read, Write};

@@ -45,6 +45,8 @@ pub struct Recorder {
     /// True for a truth received during the run.
     is_received: bool,
     samples: u64,
+    /// Duration of a run with a truth as columns, else 0: then the rows of the truth show it.
+    planned_s: f64,
     /// Scheduled end of the last sample interval.
     end_ns: i64,
     /// The operator changed the faults since `run.toml` was written.
@@ -80,9 +82,9 @@ impl Recorder {
         let model = links::recorded(wire, configuration, &links);
         let is_received = matches!(truth, Truth::Stepped(_));
         let mut planned = run_at_start(configuration, wire, &model, &links, is_received);
-        // Without rows of the truth, an interrupted run does not show its duration.
         let (table, samples) = truth_table.unzip();
-        planned.run.duration_s = configuration.device.on_board_s(samples.unwrap_or_default());
+        let planned_s = configuration.device.on_board_s(samples.unwrap_or_default());
+        planned.run.duration_s = planned_s;
         let (lock, mut run) = destination.claim(&planned)?;
         let directory = destination.directory();
         let link_name = match wire {
@@ -104,6 +106,7 @@ impl Recorder {
             links,
             queue: TransmitQueue::new(configuration.device.interval_ns()),
             samples: 0,
+            planned_s,
             end_ns: 0,
             is_run_outdated: false,
         };
@@ -233,7 +236,8 @@ impl Recorder {
         let mut configuration =
             run_at_start(&self.configuration, self.wire, &self.model, &self.links, self.is_received);
         let run = &mut configuration.run;
-        run.duration_s = self.configuration.device.on_board_s(self.samples);
+        run.duration_s =
+            if is_unfinished { self.planned_s } else { self.configuration.device.on_board_s(self.samples) };
         (run.is_unfinished, run.ended_early) = (is_unfinished, ended_early);
         let commands = Some(&*self.commands.path).filter(|_| !is_unfinished);
         run_toml::write(&self.directory, &configuration, commands)

@@ -7,17 +7,21 @@ use crate::layout::{BitField, Check, Coding};
 use crate::map;
 use crate::template::{Value, engine, filled};
 
-/// Parameters by their names; the same one may be in several packets. And names of containers.
+/// Names that are in use.
 #[derive(Default)]
-struct Parameters(Vec<(String, Value)>, Vec<String>);
+struct Names {
+    /// Parameters; the same one may be in several packets.
+    parameters: Vec<(String, Value)>,
+    containers: Vec<String>,
+}
 
-impl Parameters {
+impl Names {
     /// A free name of a container; `can` and `serial` are the containers of the links.
     fn container(&mut self, name: String) -> String {
-        let is_free = |name: &String| !matches!(&**name, "can" | "serial") && !self.1.contains(name);
+        let is_free = |name: &String| !matches!(&**name, "can" | "serial") && !self.containers.contains(name);
         let others = (2..).map(|count| format!("{name}_{count}"));
         let name = [name.clone()].into_iter().chain(others).find(is_free).unwrap_or_default();
-        self.1.push(name.clone());
+        self.containers.push(name.clone());
         name
     }
 
@@ -27,11 +31,11 @@ impl Parameters {
         let mut names = names.chain((2..).map(|count| format!("{packet}_{name}_{count}")));
         loop {
             let name = names.next().unwrap_or_default();
-            match self.0.iter().find(|(other, _)| *other == name) {
+            match self.parameters.iter().find(|(other, _)| *other == name) {
                 Some((_, other)) if *other != own => {}
                 Some(_) => return name,
                 None => {
-                    self.0.push((name.clone(), own));
+                    self.parameters.push((name.clone(), own));
                     return name;
                 }
             }
@@ -57,13 +61,13 @@ impl Ground {
     /// # Errors
     /// Numbers or frames that XTCE cannot express, in words.
     pub fn xtce(&self) -> Result<String, String> {
-        let mut parameters = Parameters::default();
-        let links = self.links.iter().map(|link| containers(link, &mut parameters));
+        let mut names = Names::default();
+        let links = self.links.iter().map(|link| containers(link, &mut names));
         let links = links.collect::<Result<Vec<_>, String>>()?;
         let commands: Vec<Value> =
             self.links.iter().flat_map(|link| link.commands.iter().map(|own| command(own, link))).collect();
         let parameters: Vec<Value> =
-            parameters.0.into_iter().map(|(name, own)| map! { name: name, own: own }).collect();
+            names.parameters.into_iter().map(|(name, own)| map! { name: name, own: own }).collect();
         let mut engine = engine();
         PARTS
             .iter()
@@ -197,7 +201,7 @@ fn twins<'a>(packets: &'a [Itemised], selectors: &[&Item]) -> Option<(&'a Packet
 ///
 /// The link's container has the first items of each packet, if they select the packet. If not, it has the selectors at their places, and
 /// each packet has all of its items.
-fn containers(link: &PacketLink, parameters: &mut Parameters) -> Result<Value, String> {
+fn containers(link: &PacketLink, used: &mut Names) -> Result<Value, String> {
     let packets = link.telemetry.iter().map(|packet| Ok((packet, items(packet, link)?)));
     let packets = packets.collect::<Result<Vec<Itemised>, String>>()?;
     let (selectors, is_sequence) = selectors(&packets)?;
@@ -206,7 +210,7 @@ fn containers(link: &PacketLink, parameters: &mut Parameters) -> Result<Value, S
         if let Value::Map(own) = &mut own {
             own.insert("range".to_owned(), Value::None);
         }
-        parameters.register(&format!("{}_{}", link.name, item.name), link.name, own)
+        used.register(&format!("{}_{}", link.name, item.name), link.name, own)
     });
     let names: Vec<String> = names.collect();
     let entries = selectors.iter().zip(&names).map(|(item, name)| {
@@ -216,11 +220,11 @@ fn containers(link: &PacketLink, parameters: &mut Parameters) -> Result<Value, S
     let selector =
         |place: BitField| selectors.iter().position(|item| item.place == place).map(|index| names[index].clone());
     let containers = packets.iter().map(|(packet, items)| {
-        let packet_name = parameters.container(name(&packet.frame.name));
+        let packet_name = used.container(name(&packet.frame.name));
         let own = items.iter().skip(if is_sequence { selectors.len() } else { 0 }).enumerate().map(|(index, item)| {
             let mut own = || match item.content {
-                Content::Field(..) | Content::Check(_) => parameters.register(&name(&item.name), &packet_name, number(item)),
-                _ => parameters.register(&format!("{packet_name}_{}", item.name), &packet_name, number(item)),
+                Content::Field(..) | Content::Check(_) => used.register(&name(&item.name), &packet_name, number(item)),
+                _ => used.register(&format!("{packet_name}_{}", item.name), &packet_name, number(item)),
             };
             let name = selector(item.place).filter(|_| is_fixed(item)).unwrap_or_else(&mut own);
             map! { name: name, is_located: index == 0 && !is_sequence, at: 0 }

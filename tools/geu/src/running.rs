@@ -62,7 +62,7 @@ fn find(at: Option<&str>) -> Result<Running, CommandError> {
             Err(CommandError::input(format!("--at {link}: expected a link of a running emulator:{}", listed(&all))))
         }
         (count, _) => Err(CommandError::input(format!(
-            "expected one running emulator, got {count}; expected --at LINK or --control ADDRESS:{}",
+            "expected one running emulator, got {count}; choose it by --at LINK or --control ADDRESS:{}",
             listed(&matching)
         ))),
     }
