@@ -331,3 +331,21 @@ fn what_xtce_cannot_express_is_an_error_with_its_place() {
         "E: XTCE expects a constant that distinguishes it from D, within the length of each frame, got none"
     );
 }
+
+#[test]
+fn containers_of_links_and_frames_have_different_names_in_xtce() {
+    let frame = |name: &str, constant: &str, field: &str| {
+        format!(
+            "[[device.serial.frame]]\nname = \"{name}\"\nfields = [{{ constant = \"{constant}\" }}, {field}, {{ crc = \"xor\", type = \"u8\" }}]\n"
+        )
+    };
+    let head = frame("serial", "A5", "{ head = \"X\", type = \"i16be\", unit = \"arcsec\" }");
+    let sensor = frame("serial_2", "A6", "{ value = \"sensor\", type = \"i16be\" }");
+    let xtce = unit_with(&(head + &sensor)).wire("own").ground().xtce().unwrap();
+    let mut names: Vec<&str> =
+        xtce.split("<SequenceContainer name=\"").skip(1).map(|rest| rest.split('"').next().unwrap()).collect();
+    assert_eq!(names.len(), 3, "{xtce}");
+    names.sort_unstable();
+    names.dedup();
+    assert_eq!(names, ["serial", "serial_2", "serial_2_2"]);
+}
