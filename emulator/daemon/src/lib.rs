@@ -13,6 +13,7 @@ mod console;
 pub mod control;
 mod control_service;
 pub mod descriptors;
+mod host;
 pub mod lateness;
 pub mod link;
 mod patience;
@@ -20,6 +21,8 @@ mod recorder_thread;
 mod run;
 pub mod running;
 mod shared_unit;
+#[cfg(test)]
+mod simulation;
 pub mod truth;
 
 pub use catalogue::catalogue;
