@@ -57,7 +57,7 @@ impl Habits {
             dribbles: false,
         };
         match host.draw(0..=6) {
-            0 | 1 => Habits { is_attentive: true, pause_ns: 2_000_000, commands: 0.02, ..quiet },
+            0 | 1 => Habits { is_attentive: true, pause_ns: 2_000_000, commands: 0.3, ..quiet },
             // Floods and never reads.
             2 => Habits { reads: false, pause_ns: 400_000, commands: 0.9, burst: 20, closes: 0.0005, ..quiet },
             // Stalls, then reads again.
