@@ -57,7 +57,9 @@ impl Habits {
             dribbles: false,
         };
         match host.draw(0..=6) {
-            0 | 1 => Habits { is_attentive: true, pause_ns: 2_000_000, commands: 0.3, ..quiet },
+            // With few commands only samples wake the link.
+            0 => Habits { is_attentive: true, pause_ns: 2_000_000, commands: 0.005, ..quiet },
+            1 => Habits { is_attentive: true, pause_ns: 2_000_000, commands: 0.3, ..quiet },
             // Floods and never reads.
             2 => Habits { reads: false, pause_ns: 400_000, commands: 0.9, burst: 20, closes: 0.0005, ..quiet },
             // Stalls, then reads again.
