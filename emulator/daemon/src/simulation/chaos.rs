@@ -1,6 +1,7 @@
 //! A run of the unit with everything that a seed draws, and what must hold whatever it draws.
 
 use std::fmt;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, OnceLock};
@@ -15,7 +16,7 @@ use tokio::sync::Notify;
 use super::client::{self, Habits, Place, Setting, Totals};
 use super::disk::{self, Disk};
 use super::port::{self, Pty};
-use super::world::Host;
+use super::world::{Host, panic_text};
 use crate::cadence::Speed;
 use crate::control::ControlBackend;
 use crate::control_service::{ControlService, StatusSource};
@@ -146,9 +147,11 @@ pub(crate) struct Outcome {
 /// What did not hold.
 pub(crate) fn run(seed: u64) -> Result<Outcome, String> {
     let host = Host::enter(seed);
-    let result = run_on(&host);
+    // After a violation threads may hold locks for ever, for which the end of the run waits in vain.
+    let result = catch_unwind(AssertUnwindSafe(|| run_on(&host)));
+    let failure = host.failure();
     host.leave();
-    result
+    result.unwrap_or_else(|panic| Err(failure.unwrap_or_else(|| panic_text(&*panic))))
 }
 
 fn run_on(host: &Host) -> Result<Outcome, String> {
@@ -225,7 +228,6 @@ fn run_on(host: &Host) -> Result<Outcome, String> {
     };
     let ended = host.run(session.until_end(shutdown, body), bounds);
     setting.has_ended.store(true, Relaxed);
-    unit.close();
     match (host.failure(), ended) {
         (Some(failure), _) => Err(format!("{failure}\n    at {} ms: {plan:?}", host.now_ns() / 1_000_000)),
         (None, None) => Err("the run did not end".to_owned()),
