@@ -150,7 +150,7 @@ pub(crate) fn receive<T>(messages: &Receiver<T>) -> Option<T> {
     messages.recv().ok()
 }
 
-/// Locks what is held for moments only.
+/// Locks a mutex that is held for moments only.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     #[cfg(test)]
     if let Some(host) = simulated() {

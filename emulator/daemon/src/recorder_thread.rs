@@ -193,7 +193,7 @@ fn feed(directory: &Path) -> (Feed, Receiver<UnitEvent>) {
     (Feed { events: sender, count: 0, samples: 0, status: Status::new(directory) }, events)
 }
 
-/// What writes a recording.
+/// The destination of the events of a recording.
 pub(crate) trait Writer {
     fn event(&mut self, event: &UnitEvent) -> Result<(), RecordError>;
     fn flush(&mut self) -> Result<(), RecordError>;
@@ -220,7 +220,7 @@ impl Writer for Recorder {
     }
 }
 
-/// Opens the recording, tells that it is open, and writes it to its end.
+/// Opens the recording, reports that, and writes it to its end.
 type Write = Box<dyn FnOnce(oneshot::Sender<Result<(), RecordError>>) + Send>;
 
 /// The thread that writes a recording.

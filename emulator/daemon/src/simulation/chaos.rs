@@ -1,4 +1,4 @@
-//! A run of the unit with everything that a seed draws, and what must hold whatever it draws.
+//! A run of the unit as a seed draws it, with its invariants.
 
 use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -13,7 +13,7 @@ use geu_recorder::link_model::LinkModel;
 use serde_json::json;
 use tokio::sync::Notify;
 
-use super::client::{self, Habits, Place, Setting, Totals};
+use super::client::{self, Endpoint, Habits, Setting, Totals};
 use super::disk::{self, Disk};
 use super::port::{self, Pty};
 use super::world::{Host, panic_text};
@@ -79,7 +79,7 @@ impl SimulatedLink {
     }
 }
 
-/// What a seed draws.
+/// The random choices of a run.
 #[derive(Debug)]
 struct Plan {
     links: Vec<SimulatedLink>,
@@ -104,7 +104,7 @@ impl Plan {
         let links: Vec<_> = links.into_iter().map(SimulatedLink::new).collect();
         let mut clients = Vec::new();
         for (index, link) in links.iter().enumerate() {
-            // Two clients of one pty share its bytes: then none of them is attentive.
+            // Two clients of one pty share its bytes: then no client is attentive.
             let count = if link.kind() == Transport::Tcp { host.draw(0..=5) } else { host.draw(1..=2) };
             for _ in 0..count {
                 let mut habits = Habits::draw(host);
@@ -112,25 +112,25 @@ impl Plan {
                 clients.push((index, habits));
             }
         }
-        if links.iter().any(|link| link.kind() == Transport::Tcp) && host.chance(0.03) {
+        if links.iter().any(|link| link.kind() == Transport::Tcp) && host.happens(0.03) {
             let habits = Habits { is_attentive: false, pause_ns: 100_000_000, ..Habits::draw(host) };
             clients.extend((0..70).map(|_| (links.len() - 1, habits.clone())));
         }
-        let disk = host.chance(0.7).then(|| disk::Habits {
+        let disk = host.happens(0.7).then(|| disk::Habits {
             flush_ns: host.draw(20_000..=2_000_000),
-            stalls: if host.chance(0.3) { 0.05 } else { 0.0 },
+            stalls: if host.happens(0.3) { 0.05 } else { 0.0 },
             stall_ns: host.draw(10_000_000..=3_000_000_000),
-            fails: if host.chance(0.1) { 0.01 } else { 0.0 },
+            fails: if host.happens(0.1) { 0.01 } else { 0.0 },
         });
         let samples = host.draw(4..=40) as u64;
-        let speed = Speed::Times(if host.chance(0.85) { 1.0 } else { host.draw(2..=50) as f64 });
-        let asked_ns = host.chance(0.7).then(|| host.draw(0..=samples as i64 * 500_000_000));
-        let stalls = if host.chance(0.15) { host.draw(1..=3) } else { 0 };
-        Plan { links, clients, disk, speed, samples, asked_ns, stalls, has_operator: host.chance(0.4) }
+        let speed = Speed::Times(if host.happens(0.85) { 1.0 } else { host.draw(2..=50) as f64 });
+        let asked_ns = host.happens(0.7).then(|| host.draw(0..=samples as i64 * 500_000_000));
+        let stalls = if host.happens(0.15) { host.draw(1..=3) } else { 0 };
+        Plan { links, clients, disk, speed, samples, asked_ns, stalls, has_operator: host.happens(0.4) }
     }
 }
 
-/// What a run did.
+/// Counts of a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Outcome {
     pub samples: u64,
@@ -144,7 +144,7 @@ pub(crate) struct Outcome {
 /// Runs one seed.
 ///
 /// # Errors
-/// What did not hold.
+/// The first violation.
 pub(crate) fn run(seed: u64) -> Result<Outcome, String> {
     let host = Host::enter(seed);
     // After a violation threads may hold locks for ever, for which the end of the run waits in vain.
@@ -279,18 +279,18 @@ fn start_clients(host: &Host, plan: &Plan, setting: &Arc<Setting>) {
             let (mut replies, mut connections) = (0, 0);
             while !setting.is_over() {
                 let pause_ns = setting.host.draw(0..=if connections == 0 { 3_000_000_000 } else { 300_000_000 });
-                host::sleep(Duration::from_nanos(if setting.host.chance(0.3) { 0 } else { pause_ns as u64 })).await;
+                host::sleep(Duration::from_nanos(if setting.host.happens(0.3) { 0 } else { pause_ns as u64 })).await;
                 connections += 1;
                 if link.kind() == Transport::Pty {
-                    let place = Place { link: "pty simulated".to_owned(), is_pty: true, is_shared };
-                    client::serve(&setting, &place, &mut replies, link.0.pty.open(), &habits).await;
+                    let endpoint = Endpoint { link: "pty simulated".to_owned(), is_pty: true, is_shared };
+                    client::serve(&setting, &endpoint, &mut replies, link.0.pty.open(), &habits).await;
                 } else if let Some(clients) = link.0.clients.get() {
                     let (port, end) = port::connection();
                     let peer = std::net::SocketAddr::from(([127, 0, (number + 1) as u8, 1], 1000 + connections));
                     let admitted = clients.connect(peer, || Ok(port));
                     if admitted.is_ok() {
-                        let place = Place { link: format!("tcp {peer}"), is_pty: false, is_shared: false };
-                        client::serve(&setting, &place, &mut 0, end, &habits).await;
+                        let endpoint = Endpoint { link: format!("tcp {peer}"), is_pty: false, is_shared: false };
+                        client::serve(&setting, &endpoint, &mut 0, end, &habits).await;
                     }
                 }
             }
@@ -321,7 +321,7 @@ fn start_operator(plan: &Plan, service: &Arc<ControlService>, setting: &Arc<Sett
                     json!({ "id": id, "parameter": "drift.arcsec_per_h", "gyro": "GYRZA", "course": { "step": 10.0 } })
                 }
             };
-            let change = match own.chance(0.8) {
+            let change = match own.happens(0.8) {
                 true => service.inject(fault.as_object().expect("an object")).map(|_| id.clone()),
                 false => {
                     let before = format!("fault{}", number - 1);

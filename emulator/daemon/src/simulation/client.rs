@@ -1,4 +1,4 @@
-//! Clients of a link: attentive ones, whose data is checked, and all kinds of others.
+//! Clients of a link: attentive ones with checked data, and clients of other kinds.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
@@ -21,7 +21,7 @@ const SAMPLE_NS: i64 = 200_000_000;
 /// A reader looks again after this time, as it may have missed a notification.
 const LOOK_AGAIN: Duration = Duration::from_millis(20);
 
-/// What a client does; all times in ns.
+/// Behaviour of a client; all times in ns.
 #[derive(Debug, Clone)]
 pub(super) struct Habits {
     /// Reads at once, stays, and sends whole commands one after the other: its data is checked completely.
@@ -66,7 +66,7 @@ impl Habits {
             3 => Habits { stalls: 0.01, commands: 0.3, burst: 5, ..quiet },
             // Vanishes and comes back.
             4 => Habits { closes: 0.05, pause_ns: 5_000_000, commands: 0.4, burst: 4, garbage: 0.05, ..quiet },
-            // Sends nonsense in pieces.
+            // Sends nonsense byte by byte.
             5 => Habits { garbage: 0.5, dribbles: true, closes: 0.01, ..quiet },
             // Ends its side and reads on.
             _ => Habits { shuts_down: 0.01, pause_ns: 10_000_000, ..quiet },
@@ -82,7 +82,7 @@ pub(super) struct Totals {
     pub opened: AtomicU64,
 }
 
-/// What clients share with the run.
+/// Data that clients share with the run.
 pub(super) struct Setting {
     pub host: Host,
     pub totals: Totals,
@@ -101,8 +101,8 @@ impl Setting {
     }
 }
 
-/// The place of a connection.
-pub(super) struct Place {
+/// The link of a connection.
+pub(super) struct Endpoint {
     /// Name of the link in recordings.
     pub link: String,
     pub is_pty: bool,
@@ -113,7 +113,7 @@ pub(super) struct Place {
 /// One connection, as its client sees it.
 struct Connection<'a> {
     setting: &'a Setting,
-    place: &'a Place,
+    endpoint: &'a Endpoint,
     end: ClientEnd,
     habits: &'a Habits,
     deframer: Deframer,
@@ -128,12 +128,12 @@ struct Connection<'a> {
     asked: Option<(u8, i64)>,
 }
 
-/// Serves one connection to its end. `replies` counts those of the link's name so far.
-pub(super) async fn serve(setting: &Setting, place: &Place, replies: &mut u64, end: ClientEnd, habits: &Habits) {
+/// Serves one connection to its end. `replies` counts the replies over the link until now.
+pub(super) async fn serve(setting: &Setting, endpoint: &Endpoint, replies: &mut u64, end: ClientEnd, habits: &Habits) {
     setting.totals.opened.fetch_add(1, Relaxed);
     let mut connection = Connection {
         setting,
-        place,
+        endpoint,
         end,
         habits,
         deframer: Deframer::default(),
@@ -154,14 +154,14 @@ pub(super) async fn serve(setting: &Setting, place: &Place, replies: &mut u64, e
         if habits.reads {
             connection.read(replies);
         }
-        if host.chance(habits.closes) {
+        if host.happens(habits.closes) {
             return;
         }
-        if host.chance(habits.stalls) {
+        if host.happens(habits.stalls) {
             let stall_ns = host.draw(10_000_000..=3_000_000_000);
             unit_host::sleep(Duration::from_nanos(stall_ns as u64)).await;
         }
-        if host.chance(habits.shuts_down) {
+        if host.happens(habits.shuts_down) {
             connection.end.shut_down();
         }
         connection.send();
@@ -171,7 +171,7 @@ pub(super) async fn serve(setting: &Setting, place: &Place, replies: &mut u64, e
 impl Connection<'_> {
     fn send(&mut self) {
         let (host, habits) = (&self.setting.host, self.habits);
-        if self.waiting.is_empty() && self.asked.is_none() && host.chance(habits.commands) {
+        if self.waiting.is_empty() && self.asked.is_none() && host.happens(habits.commands) {
             for _ in 0..host.draw(1..=habits.burst) {
                 let payload = PAYLOADS[host.draw(0..=PAYLOADS.len() as i64 - 1) as usize];
                 self.waiting.extend(frame(FrameType::Command, payload));
@@ -180,7 +180,7 @@ impl Connection<'_> {
                 }
             }
         }
-        if host.chance(habits.garbage) {
+        if host.happens(habits.garbage) {
             let garbage = (0..host.draw(1..=40)).map(|_| host.draw(0..=255) as u8);
             self.waiting.extend(garbage);
         }
@@ -188,7 +188,7 @@ impl Connection<'_> {
         let sent = self.end.write(&self.waiting[..most.min(self.waiting.len())]);
         self.waiting.drain(..sent);
         if !habits.is_attentive {
-            // It does not wait for room.
+            // It does not wait until all bytes are sent.
             self.waiting.truncate(2000);
         }
     }
@@ -203,12 +203,12 @@ impl Connection<'_> {
             DeframerEvent::Rejected { .. } => {}
         });
         self.partial.drain(..used);
-        if self.place.is_shared {
+        if self.endpoint.is_shared {
             return;
         }
         // A pty may begin with the rest of a frame of the client before.
-        if broken > 0 && !(self.place.is_pty && self.frames == 0 && broken < 28) {
-            self.setting.host.fail(format_args!("{}: {broken} bytes are no whole frame", self.place.link));
+        if broken > 0 && !(self.endpoint.is_pty && self.frames == 0 && broken < 28) {
+            self.setting.host.fail(format_args!("{}: {broken} bytes are no whole frame", self.endpoint.link));
         }
         for (kind, payload) in frames {
             self.frames += 1;
@@ -220,7 +220,7 @@ impl Connection<'_> {
                     self.check_reply(payload[0], *replies);
                 }
                 FrameType::Command => {
-                    self.setting.host.fail(format_args!("{}: the unit sent a command", self.place.link))
+                    self.setting.host.fail(format_args!("{}: the unit sent a command", self.endpoint.link))
                 }
             }
         }
@@ -239,13 +239,15 @@ impl Connection<'_> {
         if let Some((sequence, since_ns)) = self.lacking
             && now_ns - since_ns > SAMPLE_NS
         {
-            self.setting.host.fail(format_args!("{}: sample {sequence} does not come", self.place.link));
+            self.setting.host.fail(format_args!("{}: sample {sequence} does not come", self.endpoint.link));
         }
         if let Some((opcode, asked_ns)) = self.asked
             && now_ns - asked_ns > REPLY_NS
         {
             let late_ms = (now_ns - asked_ns) / 1_000_000;
-            self.setting.host.fail(format_args!("{}: no reply to command {opcode} for {late_ms} ms", self.place.link));
+            self.setting
+                .host
+                .fail(format_args!("{}: no reply to command {opcode} for {late_ms} ms", self.endpoint.link));
         }
     }
 
@@ -256,7 +258,7 @@ impl Connection<'_> {
         if self.habits.is_attentive && !is_next && !self.setting.has_stalled.load(Relaxed) {
             self.setting.host.fail(format_args!(
                 "{}: sequence {sequence} after {expected:?} was expected, of a client that reads",
-                self.place.link
+                self.endpoint.link
             ));
         }
     }
@@ -268,15 +270,15 @@ impl Connection<'_> {
         if self.habits.is_attentive {
             match self.asked.take() {
                 Some((asked, _)) if asked == opcode => {}
-                asked => host.fail(format_args!("{}: reply to {opcode}, asked was {asked:?}", self.place.link)),
+                asked => host.fail(format_args!("{}: reply to {opcode}, asked was {asked:?}", self.endpoint.link)),
             }
         }
         let Some(disk) = &self.setting.disk else { return };
-        let recorded = disk.contents().commands.get(&self.place.link).copied().unwrap_or_default();
+        let recorded = disk.contents().commands.get(&self.endpoint.link).copied().unwrap_or_default();
         if recorded < count && !disk.is_excused(host.now_ns()) {
             host.fail(format_args!(
                 "{}: {count} commands are acknowledged, {recorded} are on the disk, which works",
-                self.place.link
+                self.endpoint.link
             ));
         }
     }

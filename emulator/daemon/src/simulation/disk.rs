@@ -1,4 +1,4 @@
-//! A disk that is slow, stands still, or fails; what it has lost after a power cut is not on it.
+//! A disk that is slow, stands still, or fails, and that loses unflushed data at a power cut.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -13,7 +13,7 @@ const STALL_NS: i64 = 8_000_000;
 /// A reply that was given during a stall may be read this long after it, ns.
 const EXCUSED_NS: i64 = 1_500_000_000;
 
-/// What the disk does.
+/// Behaviour of the disk.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Habits {
     /// Usual time of a flush, at most, ns.
@@ -25,7 +25,7 @@ pub(super) struct Habits {
     pub fails: f64,
 }
 
-/// What is on the disk.
+/// Flushed data.
 #[derive(Default)]
 pub(super) struct Disk(Mutex<Contents>);
 
@@ -79,7 +79,7 @@ pub(super) struct DiskWriter {
 impl DiskWriter {
     /// The disk works for a time.
     fn work(&self, host: &Host) -> Result<(), RecordError> {
-        let most_ns = if host.chance(self.habits.stalls) { self.habits.stall_ns } else { self.habits.flush_ns };
+        let most_ns = if host.happens(self.habits.stalls) { self.habits.stall_ns } else { self.habits.flush_ns };
         let start_ns = host.now_ns();
         self.disk.contents().busy_since_ns = Some(start_ns);
         host.sleep_thread_until(start_ns + host.draw(0..=most_ns));
@@ -89,7 +89,7 @@ impl DiskWriter {
         if now_ns - start_ns >= STALL_NS {
             contents.stalled_ns = Some(now_ns);
         }
-        if host.chance(self.habits.fails) {
+        if host.happens(self.habits.fails) {
             contents.has_failed = true;
             let source = io::Error::from_raw_os_error(nix::libc::ENOSPC);
             return Err(RecordError::Write { path: "simulated".into(), source });
@@ -104,7 +104,7 @@ impl Writer for DiskWriter {
         self.samples += u64::from(matches!(event, UnitEvent::Sample(..)));
         let host = host().expect("simulated");
         // The buffer is full.
-        if host.chance(0.01) { self.work(&host) } else { Ok(()) }
+        if host.happens(0.01) { self.work(&host) } else { Ok(()) }
     }
 
     fn flush(&mut self) -> Result<(), RecordError> {

@@ -45,7 +45,7 @@ struct Kernel {
     next_watch: usize,
 }
 
-/// What the runtime has seen of a stream: set by events, cleared after a failed attempt. A hang-up stays.
+/// Readiness of a stream as the runtime knows it: set by events, cleared after a failed attempt. A hang-up stays.
 #[derive(Default)]
 struct Readiness {
     id: usize,
@@ -101,14 +101,14 @@ impl Port {
             return Err(Errno::EPIPE);
         }
         let host = host().expect("simulated");
-        if host.chance(0.01) {
+        if host.happens(0.01) {
             return Err(Errno::EINTR);
         }
         let mut length = bytes.len().min(kernel.capacity());
         if length == 0 {
             return Err(Errno::EAGAIN);
         }
-        if host.chance(0.1) {
+        if host.happens(0.1) {
             length = host.draw(1..=length as i64) as usize;
         }
         kernel.to_client.extend(&bytes[..length]);
@@ -130,7 +130,7 @@ impl Port {
         }
         let host = host().expect("simulated");
         let most = bytes.len().min(kernel.to_unit.len());
-        let length = if host.chance(0.1) { host.draw(1..=most as i64) as usize } else { most };
+        let length = if host.happens(0.1) { host.draw(1..=most as i64) as usize } else { most };
         bytes.iter_mut().zip(kernel.to_unit.drain(..length)).for_each(|(to, byte)| *to = byte);
         host.changed();
         Ok(length)
@@ -247,7 +247,7 @@ impl Terminal for Pty {
     }
 
     fn reset(&mut self) -> io::Result<()> {
-        if host().expect("simulated").chance(0.02) {
+        if host().expect("simulated").happens(0.02) {
             return Err(Errno::EIO.into());
         }
         self.stream.lock().to_client.clear();
@@ -295,7 +295,7 @@ impl ClientEnd {
         }
     }
 
-    /// Sends bytes as far as they have room, and returns their number.
+    /// Sends bytes until the buffer is full, and returns their number.
     pub fn write(&self, bytes: &[u8]) -> usize {
         let mut kernel = self.0.lock();
         let length = bytes.len().min(UNIT_CAPACITY.saturating_sub(kernel.to_unit.len()));

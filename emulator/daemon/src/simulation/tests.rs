@@ -1,4 +1,4 @@
-//! Seeds: those that found a defect, and further ones.
+//! The seeds of the test run.
 #![cfg(test)]
 
 use std::ops::Range;
