@@ -26,6 +26,8 @@ struct Candump {
 }
 
 impl LineFormat for Candump {
+    const IS_INDEPENDENT: bool = true;
+
     fn read<'a>(&'a mut self, line: &'a [u8]) -> Option<CaptureRecord<'a>> {
         if let Some(remark) = remark(line) {
             return Some(remark);

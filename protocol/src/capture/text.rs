@@ -9,6 +9,9 @@ const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
 
 /// A text format.
 pub trait LineFormat: Debug + Default + Send + 'static {
+    /// True if a line means the same behind any other.
+    const IS_INDEPENDENT: bool = false;
+
     /// Reads a line without its end; `None` if it is broken.
     fn read<'a>(&'a mut self, line: &'a [u8]) -> Option<CaptureRecord<'a>>;
 
@@ -58,6 +61,17 @@ impl<F: LineFormat> Reader for TextReader<F> {
 
     fn records(&self) -> u64 {
         self.lines.number
+    }
+
+    fn fork(&self) -> Option<Box<dyn Reader>> {
+        // A byte order mark is part of the first line only.
+        let lines = Lines { number: 1, is_discarding: false };
+        let is_possible = F::IS_INDEPENDENT && !self.lines.is_discarding;
+        is_possible.then(|| Box::new(TextReader { lines, format: F::default() }) as Box<dyn Reader>)
+    }
+
+    fn skip(&mut self, records: u64) {
+        self.lines.number += records;
     }
 }
 
@@ -153,7 +167,7 @@ const PAIR: [[u16; 256]; 2] = {
     table
 };
 
-/// The bytes of sixteen hexadecimal digits.
+/// The bytes of 16 hexadecimal digits.
 #[inline]
 pub fn hex_data(text: &[u8; 16]) -> Option<[u8; 8]> {
     let (mut data, mut wrong) = ([0; 8], 0);

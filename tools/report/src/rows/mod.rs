@@ -95,7 +95,7 @@ fn write_bits(format: TextFormat, flags: u8, bits: &[Bit], out: &mut Vec<u8>) {
 
 /// Longer than any line of eleven numbers.
 const CSV_LINE: usize = 128;
-/// The same with names.
+/// Longer than any line with names.
 const JSON_LINE: usize = 384;
 
 /// A line in a buffer. Numbers are written as words of eight digits, of which the last ones are overwritten by the next field.
