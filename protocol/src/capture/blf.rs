@@ -309,14 +309,18 @@ impl Objects {
     /// Reports a damaged container; the next one may begin inside an object.
     fn abandon(&mut self, sink: &mut Sink) {
         let bytes = std::mem::take(&mut self.bytes);
-        self.damaged(&bytes, sink);
+        self.damaged(&bytes[padding(&bytes).unwrap_or(0)..], sink);
         (self.skip, self.is_lost) = (0, true);
     }
 }
 
+/// Number of bytes before the object at the start of `bytes`; `None` if there is none.
+fn padding(bytes: &[u8]) -> Option<usize> {
+    (0..=MAX_PADDING).find(|at| bytes.get(*at..).is_some_and(|rest| rest.starts_with(OBJECT_SIGNATURE)))
+}
+
 fn next_object(bytes: &[u8]) -> Next {
-    let is_object = |at: &usize| bytes.get(*at..).is_some_and(|rest| rest.starts_with(OBJECT_SIGNATURE));
-    match (0..=MAX_PADDING).find(is_object) {
+    match padding(bytes) {
         Some(padding) if bytes.len() < padding + OBJECT_HEADER => Next::Incomplete,
         Some(padding) => match Order::Little.u32(bytes, padding + 8) as usize {
             length @ OBJECT_HEADER.. => Next::Object { padding, length },

@@ -2,24 +2,20 @@
 
 use std::io::Write;
 
-use geu_protocol::capture::{Detected, Format, Timestamp, detect};
+use geu_protocol::capture::{CaptureRecord, Detected, Format, Frame, Timestamp, detect};
 use geu_recording::{Decoder, DecoderOptions, DeviceDecoder};
 
-use crate::decoded::{OwnFrame, Record, capture, records};
+use crate::decoded::capture;
 use crate::{device, parts};
 
 /// A capture of the default unit.
 pub fn unit(format: &str, data: &[u8]) {
     let format = Format::from_name(format).expect("a format");
     let (content, parts) = parts(data);
-    let decode = |parts: &[&[u8]]| capture(Decoder::new(&DecoderOptions::default()), format, parts);
-    let whole = decode(&[content]);
-    assert_eq!(whole, decode(&parts));
-    for (_, record) in whole.0 {
-        if let Record::Frame(frame) = record {
-            reads_back(frame);
-        }
-    }
+    let decode = |parts: &[&[u8]], each: fn(&CaptureRecord)| {
+        capture(Decoder::new(&DecoderOptions::default()), format, parts, each)
+    };
+    assert_eq!(decode(&[content], reads_back), decode(&parts, |_| {}));
 }
 
 /// A capture, or a table, of the known unit that the first byte selects.
@@ -28,7 +24,8 @@ pub fn described(format: &str, names: &[&str], data: &[u8]) {
     let device = device::known(names[usize::from(*first) % names.len()]);
     let format = Format::from_name(format).expect("a format");
     let (content, parts) = parts(data);
-    let decode = |parts: &[&[u8]]| capture(DeviceDecoder::new(device, &DecoderOptions::default()), format, parts);
+    let decode =
+        |parts: &[&[u8]]| capture(DeviceDecoder::new(device, &DecoderOptions::default()), format, parts, |_| {});
     assert_eq!(decode(&[content]), decode(&parts));
 }
 
@@ -46,16 +43,22 @@ pub fn detected(data: &[u8]) {
 }
 
 /// Writes a frame as a line of candump, which must read as the same frame.
-fn reads_back(frame: OwnFrame) {
-    let Some(Timestamp { t_ns: t_ns @ 0.., .. }) = frame.time else { return };
+fn reads_back(record: &CaptureRecord) {
+    let CaptureRecord::Frame(frame @ Frame { time: Some(Timestamp { t_ns: t_ns @ 0.., .. }), .. }) = *record else {
+        return;
+    };
     let is_name = !frame.interface.is_empty() && frame.interface.iter().all(u8::is_ascii_graphic);
-    let interface = if is_name { frame.interface.clone() } else { b"can0".to_vec() };
+    let interface = if is_name { frame.interface } else { b"can0" };
     let time = Timestamp { t_ns, digits: 9 };
-    let (mut line, width) = (Vec::new(), if frame.extended { 8 } else { 3 });
-    write!(line, "({time}) {} {:0width$X}#", String::from_utf8_lossy(&interface), frame.id).expect("memory");
+    let (mut line, width) = (Vec::with_capacity(80), if frame.extended { 8 } else { 3 });
+    write!(line, "({time}) {} {:0width$X}#", String::from_utf8_lossy(interface), frame.id).expect("memory");
     frame.data.iter().for_each(|byte| write!(line, "{byte:02X}").expect("memory"));
     line.push(b'\n');
-    let read = records(Format::from_name("candump").expect("a format"), &[&line], |_, _| {});
-    let expected = Record::Frame(OwnFrame { time: Some(time), interface, ..frame });
-    assert_eq!(read.into_iter().map(|(_, record)| record).collect::<Vec<_>>(), [expected]);
+    let expected = CaptureRecord::Frame(Frame { time: Some(time), interface, ..frame });
+    let (mut reader, mut count) = (Format::from_name("candump").and_then(Format::reader).expect("a reader"), 0);
+    reader.read(&line, true, &mut |_, read| {
+        count += 1;
+        assert_eq!(read, expected);
+    });
+    assert_eq!(count, 1);
 }

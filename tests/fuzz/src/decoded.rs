@@ -15,7 +15,7 @@ pub struct Decoded<R> {
     counts: [u64; 4],
 }
 
-type OwnDefect = (DefectKind, RecordPosition, Vec<u8>, Option<Timestamp>, u64);
+type OwnDefect = (DefectKind, RecordPosition, Digest, Option<Timestamp>, u64);
 
 struct Collected<R> {
     rows: Vec<R>,
@@ -54,30 +54,32 @@ impl<R: Row<Own = O>, O> Sink<R> for Collected<O> {
         self.rows.push(row.own());
     }
     fn defect(&mut self, defect: &Defect) {
-        self.defects.push((defect.kind, defect.place, defect.bytes.to_vec(), defect.time, defect.lost));
+        self.defects.push((defect.kind, defect.place, Digest::new(defect.bytes), defect.time, defect.lost));
     }
 }
 
 /// Position and content of each record of a capture.
 pub type Records = Vec<(RecordPosition, Record)>;
 
-/// A record of a capture with bytes of its own.
+/// A record of a capture without bytes of its own.
 #[derive(Debug, PartialEq)]
 pub enum Record {
-    Frame(OwnFrame),
-    Broken(Vec<u8>, bool),
-    Line(Vec<u8>),
+    Frame { time: Option<Timestamp>, interface: Digest, id: u32, extended: bool, data: Digest },
+    Broken(Digest, bool),
+    Line(Digest),
     Dropped(u64),
     Other(&'static str),
 }
 
-#[derive(Debug, Clone, PartialEq)]
-pub struct OwnFrame {
-    pub time: Option<Timestamp>,
-    pub interface: Vec<u8>,
-    pub id: u32,
-    pub extended: bool,
-    pub data: Vec<u8>,
+/// Length and hash (FNV-1a) of bytes.
+#[derive(Debug, PartialEq)]
+pub struct Digest(usize, u64);
+
+impl Digest {
+    fn new(bytes: &[u8]) -> Digest {
+        let mix = |hash: u64, byte: &u8| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01B3);
+        Digest(bytes.len(), bytes.iter().fold(0xCBF2_9CE4_8422_2325, mix))
+    }
 }
 
 impl Record {
@@ -85,13 +87,13 @@ impl Record {
         match *record {
             CaptureRecord::Frame(Frame { time, interface, id, extended, data }) => {
                 assert!(data.len() <= 8 && id < 1 << if extended { 29 } else { 11 }, "{record:?}");
-                Record::Frame(OwnFrame { time, interface: interface.to_vec(), id, extended, data: data.to_vec() })
+                Record::Frame { time, interface: Digest::new(interface), id, extended, data: Digest::new(data) }
             }
             CaptureRecord::Broken { bytes, cut } => {
                 assert!(bytes.len() <= MAX_EXCERPT);
-                Record::Broken(bytes.to_vec(), cut)
+                Record::Broken(Digest::new(bytes), cut)
             }
-            CaptureRecord::Line(line) => Record::Line(line.to_vec()),
+            CaptureRecord::Line(line) => Record::Line(Digest::new(line)),
             CaptureRecord::Dropped(count) => Record::Dropped(count),
             CaptureRecord::Remote => Record::Other("remote"),
             CaptureRecord::Fd => Record::Other("fd"),
@@ -102,7 +104,7 @@ impl Record {
 }
 
 /// Reads a capture that arrives in these parts.
-pub fn records(format: &Format, parts: &[&[u8]], mut each: impl FnMut(RecordPosition, CaptureRecord)) -> Records {
+fn records(format: &Format, parts: &[&[u8]], mut each: impl FnMut(RecordPosition, CaptureRecord)) -> Records {
     let (mut reader, mut buffer, mut records) = (format.reader().expect("a capture"), Vec::new(), Vec::new());
     for (index, part) in parts.iter().enumerate() {
         buffer.extend_from_slice(part);
@@ -123,10 +125,14 @@ pub fn capture<D: Decode<Row: Row>>(
     mut decoder: D,
     format: &Format,
     parts: &[&[u8]],
+    each: impl Fn(&CaptureRecord),
 ) -> (Records, Decoded<<D::Row as Row>::Own>) {
     let mut sink = Collected::default();
     decoder.begin("input", &mut sink);
-    let records = records(format, parts, |place, record| decoder.event(place, record, &mut sink));
+    let records = records(format, parts, |place, record| {
+        each(&record);
+        decoder.event(place, record, &mut sink);
+    });
     decoder.count_records(records.len() as u64);
     (records, finish(decoder, sink))
 }

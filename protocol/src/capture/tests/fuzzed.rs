@@ -1,6 +1,11 @@
 //! What the fuzzer found in captures.
 
-use super::python_can::{BLF, blf, message, object};
+use std::io::Write;
+
+use flate2::Compression;
+use flate2::write::ZlibEncoder;
+
+use super::python_can::{BLF, blf, container, message, object};
 use super::*;
 
 /// Excerpts of the broken records of a capture in chunks of this length.
@@ -50,4 +55,19 @@ fn a_standard_frame_with_an_identifier_of_more_than_eleven_bits_is_broken() {
     assert_eq!(seen[1].1, Seen::Broken(false));
     let file = blf(&[object(1, 1, 2, 0, &message(0, 0x800, &DATA))]);
     assert_eq!(read(BLF, &file, 100)[0].1, Seen::Broken(false));
+}
+
+#[test]
+fn a_container_that_ends_in_an_object_is_reported_from_its_signature_in_any_chunks() {
+    let whole = object(1, 1, 2, 0, &message(0, 0x1A0, &DATA));
+    // Behind bytes that are no object, two bytes before the object: they may arrive with it or before it.
+    let content = [&[7; 20][..], &[0; 2], &whole[..20]].concat();
+    let mut encoder = ZlibEncoder::new(Vec::new(), Compression::none());
+    encoder.write_all(&content).expect("bytes in memory");
+    let compressed = encoder.finish().expect("bytes in memory");
+    let file = blf(&[container(2, &compressed[..compressed.len() - 4])]);
+    let expected = excerpts(BLF, &file, usize::MAX);
+    for length in 1..60 {
+        assert_eq!(excerpts(BLF, &file, length), expected, "by {length}");
+    }
 }

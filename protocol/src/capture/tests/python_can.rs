@@ -184,7 +184,7 @@ pub(super) fn message(flags: u8, id: u32, data: &[u8]) -> Vec<u8> {
     body
 }
 
-fn container(method: u16, content: &[u8]) -> Vec<u8> {
+pub(super) fn container(method: u16, content: &[u8]) -> Vec<u8> {
     let length = (32 + content.len() as u32).to_le_bytes();
     let header =
         [b"LOBJ\x10\0\x01\0", &length[..], &10u32.to_le_bytes(), &method.to_le_bytes(), &[0; 6], &[0xFF; 4], &[0; 4]]
