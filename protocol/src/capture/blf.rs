@@ -309,7 +309,9 @@ impl Objects {
     /// Reports a damaged container; the next one may begin inside an object.
     fn abandon(&mut self, sink: &mut Sink) {
         let bytes = std::mem::take(&mut self.bytes);
-        self.damaged(&bytes[padding(&bytes).unwrap_or(0)..], sink);
+        // Bytes behind which an object was searched are reported already.
+        let start = padding(&bytes).unwrap_or(if self.is_lost { bytes.len() } else { 0 });
+        self.damaged(&bytes[start..], sink);
         (self.skip, self.is_lost) = (0, true);
     }
 }
