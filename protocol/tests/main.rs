@@ -2,4 +2,5 @@
 
 mod describe;
 mod devices;
+mod exhaustive;
 mod vectors;

@@ -13,6 +13,8 @@ mod console;
 pub mod control;
 mod control_service;
 pub mod descriptors;
+#[cfg(fuzzing)]
+pub mod fuzzing;
 mod host;
 pub mod lateness;
 pub mod link;

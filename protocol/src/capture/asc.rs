@@ -5,7 +5,7 @@
 //! the channel number.
 
 use super::text::{LineFormat, number, reader, seconds, words};
-use super::{CaptureRecord, Detection, Format, Frame, Timestamp};
+use super::{CaptureRecord, Detection, Format, Frame, Timestamp, is_identifier};
 
 pub(super) const FORMATS: &[Format] = &[Format {
     name: "asc",
@@ -138,5 +138,5 @@ fn identifier(text: &[u8], base: u32) -> Option<(u32, bool)> {
     // In decimal an extended identifier takes nine digits.
     let id = std::str::from_utf8(digits).ok().filter(|text| !text.starts_with('+'))?;
     let id = u32::from_str_radix(id, base).ok()?;
-    (id <= if extended { 0x1FFF_FFFF } else { 0x7FF }).then_some((id, extended))
+    is_identifier(id, extended).then_some((id, extended))
 }

@@ -2,7 +2,7 @@
 
 use std::fmt::Debug;
 
-use super::{CaptureRecord, MAX_RECORD, Reader, RecordPosition};
+use super::{CaptureRecord, MAX_EXCERPT, MAX_RECORD, Reader, RecordPosition};
 
 /// A length beyond this is wrong.
 pub const MAX_LENGTH: u32 = 1 << 26;
@@ -76,6 +76,8 @@ impl<F: BinaryFormat> Reader for BinaryReader<F> {
                         sink(position, self.format.read(&rest[..length as usize]));
                         length
                     }
+                    // Whatever the bytes arrive with, the same of them are reported.
+                    Next::Lost if rest.len() < MAX_EXCERPT && !is_last => return at,
                     Next::Lost => {
                         self.records += 1;
                         self.is_lost = true;

@@ -11,7 +11,7 @@ use flate2::{Decompress, FlushDecompress, Status};
 use memchr::memmem;
 
 use super::binary::Order;
-use super::{CaptureRecord, Detection, Format, Frame, MAX_RECORD, Reader, RecordPosition, Timestamp};
+use super::{CaptureRecord, Detection, Format, Frame, MAX_RECORD, Reader, RecordPosition, Timestamp, is_identifier};
 use crate::calendar::days_since_1970;
 
 pub(super) const FORMATS: &[Format] = &[Format {
@@ -32,6 +32,8 @@ const OBJECT_SIGNATURE: &[u8] = b"LOBJ";
 const OBJECT_HEADER: usize = 16;
 /// Largest number of bytes between two objects.
 const MAX_PADDING: usize = 4;
+/// Bytes that show that there is no object: so many are reported, whatever they arrive with.
+const LOST_EXCERPT: usize = MAX_PADDING + OBJECT_SIGNATURE.len();
 
 const CONTAINER: u32 = 10;
 /// Header of the object, compression, length of the content.
@@ -259,7 +261,7 @@ impl Blf {
         if !self.is_lost {
             self.is_lost = true;
             self.objects.position = self.offset;
-            self.objects.damaged(bytes, sink);
+            self.objects.damaged(&bytes[..bytes.len().min(LOST_EXCERPT)], sink);
         }
     }
 }
@@ -288,7 +290,7 @@ impl Objects {
                     if !self.is_lost {
                         self.is_lost = true;
                         self.records += 1;
-                        sink(position, CaptureRecord::broken(rest, true));
+                        sink(position, CaptureRecord::broken(&rest[..rest.len().min(LOST_EXCERPT)], true));
                     }
                     at += to;
                 }
@@ -307,20 +309,26 @@ impl Objects {
     /// Reports a damaged container; the next one may begin inside an object.
     fn abandon(&mut self, sink: &mut Sink) {
         let bytes = std::mem::take(&mut self.bytes);
-        self.damaged(&bytes, sink);
+        // Bytes behind which an object was searched are reported already.
+        let start = padding(&bytes).unwrap_or(if self.is_lost { bytes.len() } else { 0 });
+        self.damaged(&bytes[start..], sink);
         (self.skip, self.is_lost) = (0, true);
     }
 }
 
+/// Number of bytes before the object at the start of `bytes`; `None` if there is none.
+fn padding(bytes: &[u8]) -> Option<usize> {
+    (0..=MAX_PADDING).find(|at| bytes.get(*at..).is_some_and(|rest| rest.starts_with(OBJECT_SIGNATURE)))
+}
+
 fn next_object(bytes: &[u8]) -> Next {
-    let is_object = |at: &usize| bytes.get(*at..).is_some_and(|rest| rest.starts_with(OBJECT_SIGNATURE));
-    match (0..=MAX_PADDING).find(is_object) {
+    match padding(bytes) {
         Some(padding) if bytes.len() < padding + OBJECT_HEADER => Next::Incomplete,
         Some(padding) => match Order::Little.u32(bytes, padding + 8) as usize {
             length @ OBJECT_HEADER.. => Next::Object { padding, length },
             _ => Next::Lost(padding + OBJECT_SIGNATURE.len()),
         },
-        None if bytes.len() < MAX_PADDING + OBJECT_SIGNATURE.len() => Next::Incomplete,
+        None if bytes.len() < LOST_EXCERPT => Next::Incomplete,
         None => {
             let next = memmem::find(bytes, OBJECT_SIGNATURE);
             Next::Lost(next.unwrap_or(bytes.len() - OBJECT_SIGNATURE.len() + 1))
@@ -329,10 +337,10 @@ fn next_object(bytes: &[u8]) -> Next {
 }
 
 fn is_padding(bytes: &[u8]) -> bool {
-    bytes.len() < MAX_PADDING + OBJECT_SIGNATURE.len() && bytes.iter().all(|&byte| byte == 0)
+    bytes.len() < LOST_EXCERPT && bytes.iter().all(|&byte| byte == 0)
 }
 
-/// Reads an object; `None` if it is shorter than its type requires.
+/// Reads an object; `None` if it is shorter than its type requires, or its identifier longer than its flag.
 fn record<'a>(object: &'a [u8], start_ns: i64, channel: &'a mut Vec<u8>) -> Option<CaptureRecord<'a>> {
     let order = Order::Little;
     let body = match order.u16(object, 6) {
@@ -364,13 +372,9 @@ fn record<'a>(object: &'a [u8], start_ns: i64, channel: &'a mut Vec<u8>) -> Opti
     channel.clear();
     write!(channel, "{number}").ok()?;
     let id = order.u32(body, 4);
-    Some(CaptureRecord::Frame(Frame {
-        time: Some(Timestamp { t_ns, digits }),
-        interface: channel,
-        id: id & 0x1FFF_FFFF,
-        extended: id & EXTENDED != 0,
-        data: data.get(..length.into())?,
-    }))
+    let (extended, id) = (id & EXTENDED != 0, id & 0x1FFF_FFFF);
+    let data = data.get(..length.into()).filter(|_| is_identifier(id, extended))?;
+    Some(CaptureRecord::Frame(Frame { time: Some(Timestamp { t_ns, digits }), interface: channel, id, extended, data }))
 }
 
 /// Start of the measurement, ns since 1970: year, month, day of the week, day, hour, minute, second, millisecond; `None` if there is none.

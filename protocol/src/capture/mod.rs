@@ -141,6 +141,11 @@ pub struct Frame<'a> {
     pub data: &'a [u8],
 }
 
+/// True for an identifier of 29 bits, or of 11 if it is not `extended`.
+const fn is_identifier(id: u32, extended: bool) -> bool {
+    id <= if extended { 0x1FFF_FFFF } else { 0x7FF }
+}
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CaptureRecord<'a> {
     /// A classic data frame.

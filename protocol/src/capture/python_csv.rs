@@ -2,7 +2,7 @@
 //! eight bytes is read as a classic frame, as python-can does.
 
 use super::text::{LineFormat, number, reader, seconds};
-use super::{CaptureRecord, Detection, Format, Frame, Timestamp};
+use super::{CaptureRecord, Detection, Format, Frame, Timestamp, is_identifier};
 
 pub(super) const FORMATS: &[Format] = &[Format {
     name: "python-can-csv",
@@ -31,7 +31,7 @@ impl LineFormat for PythonCsv {
         let (time, id, extended, remote) =
             (time(cell()?)?, number(cell()?.strip_prefix(b"0x")?, 16)?, flag(cell()?)?, flag(cell()?)?);
         let (error, length, base64) = (flag(cell()?)?, number(cell()?, 10)? as usize, cell()?);
-        if cells.next().is_some() || id > if extended { 0x1FFF_FFFF } else { 0x7FF } {
+        if cells.next().is_some() || !is_identifier(id, extended) {
             return None;
         }
         if error || remote {

@@ -1,7 +1,7 @@
 //! CAN frames as packets of pcap and pcapng.
 
 use super::binary::Order;
-use super::{CaptureRecord, Frame, Timestamp};
+use super::{CaptureRecord, Frame, Timestamp, is_identifier};
 
 /// LINKTYPE_CAN_SOCKETCAN: the frame as the kernel gives it, its identifier big-endian.
 const SOCKETCAN: u32 = 227;
@@ -80,7 +80,7 @@ fn upper_pdu<'a>(
 }
 
 /// Reads a SocketCAN frame from its identifier with flags, in this machine's byte order, and all its bytes; `None` if it is
-/// shorter than it claims.
+/// shorter than it claims, or its identifier longer than its flags claim.
 pub fn socketcan_record<'a>(
     id: u32,
     time: Option<Timestamp>,
@@ -99,5 +99,6 @@ pub fn socketcan_record<'a>(
         return Some(CaptureRecord::Remote);
     }
     let (extended, id) = (id & EXTENDED != 0, id & 0x1FFF_FFFF);
-    Some(CaptureRecord::Frame(Frame { time, interface, id, extended, data: data.get(..length)? }))
+    let data = data.get(..length).filter(|_| is_identifier(id, extended))?;
+    Some(CaptureRecord::Frame(Frame { time, interface, id, extended, data }))
 }

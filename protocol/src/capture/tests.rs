@@ -1,5 +1,6 @@
 //! All formats: captures of real tools, any bytes, chunks of any size.
 
+mod fuzzed;
 mod python_can;
 
 use proptest::prelude::*;

@@ -6,7 +6,7 @@
 //! count from 0. The interface is the bus number.
 
 use super::text::{LineFormat, decimal, hex_byte, number, reader, words};
-use super::{CaptureRecord, Detection, Format, Frame};
+use super::{CaptureRecord, Detection, Format, Frame, is_identifier};
 
 pub(super) const FORMATS: &[Format] = &[Format {
     name: "trc",
@@ -93,7 +93,7 @@ impl Trc {
         }
         let (value, length) = (number(id, 16)?, number(length, 10)?);
         let extended = id.len() > 4;
-        if value > if extended { 0x1FFF_FFFF } else { 0x7FF } {
+        if !is_identifier(value, extended) {
             return None;
         }
         match (kind, words.clone().next()) {

@@ -27,3 +27,9 @@ pub use server::{ControlError, ControlListener, Server};
 
 /// Default address of the control interface.
 pub const DEFAULT_ADDRESS: &str = "127.0.0.1:8470";
+
+/// The routes, at the default address.
+#[cfg(fuzzing)]
+pub(crate) fn fuzzed(backend: std::sync::Arc<dyn ControlBackend>, token: Option<String>) -> axum::Router {
+    routes::router(backend, guard::Guard { address: DEFAULT_ADDRESS.parse().expect("an address"), token })
+}

@@ -286,3 +286,9 @@ impl ControlBackend for ControlService {
         self.events.subscribe()
     }
 }
+
+/// The text of a fault in a request.
+#[cfg(fuzzing)]
+pub(crate) fn fuzzed(object: &Map<String, Value>) -> String {
+    toml::text(object)
+}

@@ -172,8 +172,10 @@ impl Device {
 
     /// Name of a known unit with this description.
     pub fn known_name(&self) -> Option<&'static str> {
-        let known = DEVICES.iter().find(|(_, text)| *text == self.description.text).map(|(name, _)| *name);
-        known.filter(|name| Device::from_name(name).is_some_and(|device| device == *self))
+        let DeviceText { text, files, .. } = &self.description;
+        let is_known = |(file, text): &(String, String)| FILES.contains(&(file.as_str(), text.as_str()));
+        let known = DEVICES.iter().find(|(_, known)| known == text).filter(|_| files.iter().all(is_known));
+        known.map(|(name, _)| *name)
     }
 
     /// The default unit, four floated gyros with outputs of 16 bits (Casteren §2, §5).

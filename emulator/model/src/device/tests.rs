@@ -474,3 +474,16 @@ fn the_default_unit_is_a_unit_without_a_described_link() {
     let spacing = |name: &str| Device::from_name(name).unwrap().reference_interval_ns();
     assert_eq!(["stim300", "kvh-1750", "tetrad", "hg4930"].map(spacing), [10_000_000; 4]);
 }
+
+#[test]
+fn a_known_unit_has_the_text_and_the_files_of_its_name() {
+    for (name, text) in DEVICES {
+        let known = Device::from_name(name).expect("a known unit");
+        assert_eq!(known.known_name(), Some(*name));
+        let file = |file: &str| FILES.iter().find(|(own, _)| *own == file).expect("a known file").1;
+        let other = Device::parse(name, text, &|name| Ok(format!("{}\n", file(name)))).expect("the same unit");
+        assert_eq!(other.known_name(), Some(*name).filter(|_| known.description.files.is_empty()));
+        let other = Device::parse(name, &format!("{text}\n"), &|name| Ok(file(name).to_owned())).expect("the same unit");
+        assert_eq!(other.known_name(), None);
+    }
+}

@@ -9,7 +9,7 @@ use super::*;
 
 const TRC: &Format = &trc::FORMATS[0];
 const CSV: &Format = &python_csv::FORMATS[0];
-const BLF: &Format = &blf::FORMATS[0];
+pub(super) const BLF: &Format = &blf::FORMATS[0];
 
 fn contents(seen: Vec<(RecordPosition, Seen)>) -> Vec<Seen> {
     seen.into_iter().map(|(_, seen)| seen).collect()
@@ -164,7 +164,7 @@ fn python_can_csv_is_read_line_by_line() {
 }
 
 /// A BLF object of this type with the header of version 1 or 2.
-fn object(version: u16, kind: u32, flags: u32, ticks: u64, body: &[u8]) -> Vec<u8> {
+pub(super) fn object(version: u16, kind: u32, flags: u32, ticks: u64, body: &[u8]) -> Vec<u8> {
     let header = if version == 1 { 32u16 } else { 40 };
     let length = u32::from(header) + body.len() as u32;
     let mut bytes =
@@ -178,13 +178,13 @@ fn object(version: u16, kind: u32, flags: u32, ticks: u64, body: &[u8]) -> Vec<u
 }
 
 /// Body of a CAN message.
-fn message(flags: u8, id: u32, data: &[u8]) -> Vec<u8> {
+pub(super) fn message(flags: u8, id: u32, data: &[u8]) -> Vec<u8> {
     let mut body = [&[2, 0, flags, data.len() as u8][..], &id.to_le_bytes(), data].concat();
     body.resize(16, 0);
     body
 }
 
-fn container(method: u16, content: &[u8]) -> Vec<u8> {
+pub(super) fn container(method: u16, content: &[u8]) -> Vec<u8> {
     let length = (32 + content.len() as u32).to_le_bytes();
     let header =
         [b"LOBJ\x10\0\x01\0", &length[..], &10u32.to_le_bytes(), &method.to_le_bytes(), &[0; 6], &[0xFF; 4], &[0; 4]]
@@ -199,7 +199,7 @@ fn zlib(content: &[u8]) -> Vec<u8> {
 }
 
 /// A file that starts at 2026-11-18 16:40:00.500.
-fn blf(objects: &[Vec<u8>]) -> Vec<u8> {
+pub(super) fn blf(objects: &[Vec<u8>]) -> Vec<u8> {
     let mut header = [&b"LOGG"[..], &144u32.to_le_bytes(), &[0; 32]].concat();
     header.extend([2026u16, 11, 3, 18, 16, 40, 0, 500].iter().flat_map(|number| number.to_le_bytes()));
     header.resize(144, 0);
