@@ -72,10 +72,10 @@ struct DeviceTerminal {
 fn open_pair(group: Option<Gid>) -> nix::Result<(Port, Slave)> {
     let pair = openpty(None, None)?;
     make_raw(&pair.slave)?;
-    if group.is_some() {
-        fchown(&pair.slave, None, group)?;
-        fchmod(&pair.slave, Mode::S_IRUSR | Mode::S_IWUSR | Mode::S_IRGRP | Mode::S_IWGRP)?;
-    }
+    group.map(|group| fchown(&pair.slave, None, Some(group))).transpose()?;
+    // The mode of the system, often 620, lets the group tty write.
+    let group_mode = group.map_or(Mode::empty(), |_| Mode::S_IRGRP | Mode::S_IWGRP);
+    fchmod(&pair.slave, Mode::S_IRUSR | Mode::S_IWUSR | group_mode)?;
     fcntl(&pair.master, FcntlArg::F_SETFL(OFlag::O_NONBLOCK))?;
     fcntl(&pair.master, FcntlArg::F_SETFD(FdFlag::FD_CLOEXEC))?;
     let slave = Slave(ttyname(&pair.slave)?);
@@ -236,6 +236,25 @@ impl Server {
                 return Ok(());
             }
             yield_now().await;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::os::unix::fs::PermissionsExt;
+
+    use nix::unistd::getegid;
+
+    use super::*;
+
+    #[test]
+    fn a_pty_is_open_to_its_user_alone_unless_a_group_is_named() {
+        for (group, mode) in [(None, 0o600), (Some(getegid()), 0o660)] {
+            let (_master, slave) = open_pair(group).expect("a pty");
+            let found = fs::metadata(&slave.0).expect("its slave").permissions().mode();
+            assert_eq!(found & 0o777, mode, "{group:?}");
         }
     }
 }
