@@ -361,7 +361,7 @@ impl Target {
                 capture.read(bytes, !is_stopped, decoder, sink);
                 let records = capture.reader.records();
                 decoder.count_records(records);
-                (capture.seen.frames == 0).then(|| format!("{records} records, none of them a CAN frame"))
+                (capture.seen.frames == 0).then(|| format!("{records} records without a CAN frame"))
             }
             Target::Serial { length, .. } => {
                 if !bytes.is_empty() {

@@ -79,10 +79,10 @@ pub(super) struct DiskWriter {
 impl DiskWriter {
     /// The disk works for a time.
     fn work(&self, host: &Host) -> Result<(), RecordError> {
-        let most_ns = if host.happens(self.habits.stalls) { self.habits.stall_ns } else { self.habits.flush_ns };
+        let longest_ns = if host.happens(self.habits.stalls) { self.habits.stall_ns } else { self.habits.flush_ns };
         let start_ns = host.now_ns();
         self.disk.contents().busy_since_ns = Some(start_ns);
-        host.sleep_thread_until(start_ns + host.draw(0..=most_ns));
+        host.sleep_thread_until(start_ns + host.draw(0..=longest_ns));
         let now_ns = host.now_ns();
         let mut contents = self.disk.contents();
         contents.busy_since_ns = None;
