@@ -203,7 +203,7 @@ impl<const IS_JSON: bool, const LENGTH: usize> Line<IS_JSON, LENGTH> {
         let digits = usize::from(time.digits.clamp(6, 9));
         self.push_word(eight_digits(fraction / 10) | ZEROS, digits.min(8));
         if digits == 9 {
-            self.push_word(ZEROS | fraction % 10, 1);
+            self.push_word(ZEROS | (fraction % 10), 1);
         }
     }
 }
