@@ -43,7 +43,7 @@ impl<T: Send + 'static> Ordered<T> {
     }
 
     /// Waits for the next result; `None` if all have been given out.
-    pub fn next(&mut self) -> Option<T> {
+    pub fn wait(&mut self) -> Option<T> {
         // A panic in the pool ends the process.
         self.pending.pop_front()?.recv().ok()
     }
