@@ -1,6 +1,6 @@
 //! `geu-bench cadence`: lateness and period of samples.
 //!
-//! Three threads run the same period on the same machine, shifted by a third of it: our cadence, our cadence with a
+//! Three threads and python-can's periodic task run the same period on the same machine, shifted by a third of it: our cadence, our cadence with a
 //! final spin, and the timer of an asynchronous runtime. The emulator runs beside them, for its lateness, memory and CPU
 //! time. With a CAN interface, the emulator and `cangen` on it are measured by the time stamps of reception.
 
@@ -16,11 +16,13 @@ use geu_protocol::CanIdMap;
 use socketcan::{CanFilter, CanSocket, EmbeddedFrame, Id, Socket, SocketOptions};
 
 use crate::Result;
-use crate::process::Emulator;
-use crate::rounds::Spread;
+use crate::process::{Emulator, python};
+use crate::table::Table;
 
 /// Default of `--spin`.
 const SPIN_US: u32 = 200;
+/// python-can's periodic task on its virtual bus.
+const PYTHON_CAN: &str = include_str!("cadence.py");
 /// Identifier of the frames of `cangen`, not used by the unit.
 const CANGEN_ID: u16 = 0x123;
 
@@ -61,6 +63,8 @@ pub fn run(arguments: &Arguments) -> Result {
         })
     };
     let (plain, spinning) = (arm(0, Duration::ZERO), arm(1, spin));
+    let (period_s, length_s) = (SAMPLE_INTERVAL_NS as f64 * 1e-9, arguments.duration);
+    let others = thread::spawn(move || python_can(length_s, period_s));
     let runtime = thread::spawn(move || tokio_interval(start_ns + 2 * SAMPLE_INTERVAL_NS / 3, sends));
 
     let mut memory_mb = 0.0f64;
@@ -73,21 +77,41 @@ pub fn run(arguments: &Arguments) -> Result {
     let stderr = emulator.end();
 
     println!("{sends} samples each, side by side");
-    let spin = format!("sleep, spin {} µs", arguments.spin);
-    for (name, late_ns) in [("sleep", &plain), (&*spin, &spinning), ("tokio interval", &runtime)] {
-        println!("  {name:<22} {}", histogram(late_ns.iter().copied()));
-    }
-    let median = |late_ns: &[i64]| Spread::new(late_ns.iter().map(|&ns| ns as f64)).median.max(1.0);
-    println!(
-        "  median against tokio's  {:.1} times less late; with spin {:.0} times",
-        median(&runtime) / median(&plain),
-        median(&runtime) / median(&spinning)
-    );
-    for (name, late_ns) in [("sleep", &plain), ("sleep with spin", &spinning), ("tokio interval", &runtime)] {
+    let python_can = others.join().expect("no panic");
+    let columns =
+        ["", "median", "p90", "p99", "period against the deadlines'", "median of tokio `interval` against it"];
+    let mut table = Table::new("cadence", &columns);
+    let at = |late_ns: &[i64], share: f64| {
+        let mut sorted = late_ns.to_vec();
+        sorted.sort_unstable();
+        sorted[((sorted.len() as f64 * share) as usize).min(sorted.len() - 1)]
+    };
+    let spin = format!("with a final spin of {} µs", arguments.spin);
+    let own: [(&str, Result<&Vec<i64>, String>); 4] = [
+        ("absolute sleep", Ok(&plain)),
+        (&spin, Ok(&spinning)),
+        ("tokio `interval`", Ok(&runtime)),
+        ("python-can's periodic task", python_can.as_ref().map_err(Clone::clone)),
+    ];
+    for (name, late_ns) in own {
+        let late_ns = match late_ns {
+            Ok(late_ns) => late_ns,
+            Err(reason) => {
+                table.row([name.to_owned(), format!("skipped: {reason}")]);
+                continue;
+            }
+        };
         let times_ns: Vec<f64> = late_ns.iter().map(|&late_ns| late_ns as f64).collect();
         let (ppm, sigma) = slope_ppm(&times_ns);
-        println!("  period, {name:<15} {ppm:+.4} ± {sigma:.4} ppm of the deadlines'");
+        let quantiles = [0.5, 0.9, 0.99].map(|share| DurationNs(at(late_ns, share).max(0) as u64).to_string());
+        let ratio = at(&runtime, 0.5).max(1) as f64 / at(late_ns, 0.5).max(1) as f64;
+        let period = [format!("{ppm:+.2} ± {sigma:.2} ppm"), format!("{ratio:.1} times")];
+        table.row([name.to_owned()].into_iter().chain(quantiles).chain(period));
     }
+    if arguments.can.is_none() {
+        table.row(["cangen".to_owned(), "skipped: --can names no interface".to_owned()]);
+    }
+    println!("{table}");
     println!("geu run{}", arguments.can.as_ref().map_or(String::new(), |interface| format!(" --can {interface}")));
     println!("  memory {memory_mb:.1} MB, CPU {:.2} % of one core", 100.0 * cpu_share);
     for line in stderr.lines().filter(|line| !line.trim().is_empty()) {
@@ -119,6 +143,17 @@ fn tokio_interval(first_ns: i64, sends: i64) -> Vec<i64> {
         }
         late_ns
     })
+}
+
+/// Lateness of python-can's periodic task, ns.
+fn python_can(duration_s: f64, period_s: f64) -> Result<Vec<i64>, String> {
+    let directory = tempfile::tempdir().map_err(|error| error.to_string())?;
+    let out = directory.path().join("late");
+    let arguments = [duration_s.to_string(), period_s.to_string(), out.display().to_string()];
+    python(directory.path(), PYTHON_CAN, &arguments.each_ref().map(String::as_str))?.text()?;
+    let text = std::fs::read_to_string(&out).map_err(|error| error.to_string())?;
+    let late_ns: Vec<i64> = text.lines().filter_map(|line| line.parse().ok()).collect();
+    if late_ns.len() < 3 { Err("too few frames".to_owned()) } else { Ok(late_ns) }
 }
 
 /// Slope of a straight line through `residual_ns`, one per period, in ppm of the period, and its standard deviation.

@@ -1,23 +1,24 @@
-//! `geu-bench decode`: throughput of the decoder on one core, beside other tools on the same file.
+//! `geu-bench decode`: throughput of the decoder on one core, and beside other tools on the same samples.
 
-use std::error::Error;
 use std::fs::{self, File};
-use std::io::{self, BufWriter, Write};
-use std::path::Path;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
 mod device;
+mod inputs;
 
 use clap::Args;
-use geu_protocol::serial::data_frame;
-use geu_protocol::{CLOCK_PER_SAMPLE, CanIdMap, Sample, describe};
+use geu_protocol::capture::{CaptureRecord, Format};
+use geu_protocol::{CanIdMap, describe};
 use geu_recording::{DecoderOptions, Defect, InputReader, ReceivedSample, Sink, Stop};
 use geu_report::rows::{TextFormat, write_row};
 
 use crate::Result;
-use crate::process::{finish, geu};
+use crate::process::{finish, geu, on_one_thread};
 use crate::rounds::{Contender, Results, Rounds, Spread};
+use crate::table::{Table, compared};
 
 /// Arguments of `geu-bench decode`.
 #[derive(Args)]
@@ -33,6 +34,9 @@ pub struct Arguments {
 }
 
 const MEGABYTE: f64 = 1e6;
+const RECORDS: &str = "candump log to records";
+const SAMPLES: &str = "candump log to samples";
+const SOCKETCAN: &str = "candump log to records, crate socketcan";
 
 /// Measures and prints.
 ///
@@ -42,93 +46,62 @@ pub fn run(arguments: &Arguments) -> Result {
     if arguments.lines < 3 {
         return Err(format!("--lines: expected 3 or more, got {}", arguments.lines).into());
     }
+    on_one_thread()?;
     let directory = tempfile::tempdir()?;
-    let [log, bin, dbc] = ["bench.log", "bench.bin", "bench.dbc"].map(|name| directory.path().join(name));
-    write_inputs(&log, &bin, arguments.lines)?;
-    let bytes = |path: &Path| fs::metadata(path).map_or(0, |metadata| metadata.len()) as f64;
-    let lines = arguments.lines as f64;
-    println!("{lines} lines of candump log, {:.0} MB; time in s; {}", bytes(&log) / MEGABYTE, arguments.rounds);
-    // Our decoder without the process around it: throughput and target.
-    let rows = decode(&log, false)?.1 as f64;
-    let units = device::inputs(directory.path(), arguments.lines)?;
-    let mut own = vec![
-        ("candump log, no output".to_owned(), (lines / 1e6, "M lines/s", 8.0)),
-        ("candump log to CSV".to_owned(), (rows / 1e6, "M rows/s", 2.0)),
-        ("raw serial, no output".to_owned(), (bytes(&bin) / MEGABYTE, "MB/s", 500.0)),
-    ];
-    let (log_path, bin_path) = (&log, &bin);
-    let mut contenders: Vec<Contender<f64>> = vec![
-        Contender::ours(&own[0].0, move || decode(log_path, false).map(|(time_s, _)| time_s)),
-        Contender::ours(&own[1].0, move || decode(log_path, true).map(|(time_s, _)| time_s)),
-        Contender::ours(&own[2].0, move || decode(bin_path, false).map(|(time_s, _)| time_s)),
-    ];
-    for unit in &units {
-        let name = format!("{}, no output", unit.name);
-        contenders.push(Contender::ours(&name, move || unit.decode()));
-        own.push((name, unit.work));
-    }
+    let inputs = Inputs::new(directory.path(), arguments.lines)?;
+    println!("{} lines of candump log, {:.0} MB; {}", arguments.lines, inputs.length(LOG) / MEGABYTE, arguments.rounds);
+    println!("{}", in_process(arguments, &inputs)?);
     if !arguments.alone {
-        fs::write(&dbc, describe::dbc(CanIdMap::default()))?;
-        contenders.extend(processes(&log, &dbc)?);
-    }
-    let results = arguments.rounds.measure(contenders)?;
-    for (Results { name, runs }, (_, (work, unit, target))) in results.iter().zip(&own) {
-        let throughput = Spread::new(runs.iter().flatten().map(|time_s| work / time_s));
-        let verdict = if throughput.median >= *target { "met" } else { "MISSED" };
-        println!("{name:<32} {throughput:>24.1} {unit:<9} target {target}: {verdict}");
-    }
-    if results.len() > own.len() {
-        println!("as processes, their own start included");
-    }
-    let runs_of =
-        |name: &str| results.iter().find(|result| result.name == name).and_then(|result| result.runs.as_ref().ok());
-    for Results { name, runs } in &results[own.len()..] {
-        // A tool that only reads is compared with our summary, others with our CSV.
-        let compared = if name == "python-can" { GEU_SUMMARY } else { GEU_CSV };
-        match (runs, runs_of(compared)) {
-            (Ok(runs), Some(ours)) if ![GEU_SUMMARY, GEU_CSV].contains(&name.as_str()) => {
-                let (time_s, ratio) = (Spread::new(runs.iter().copied()), Spread::of_ratios(runs, ours));
-                println!("{name:<32} {time_s:>24.3} s         {compared} is {ratio:.1} times as fast");
-            }
-            (Ok(runs), _) => println!("{name:<32} {:>24.3} s", Spread::new(runs.iter().copied())),
-            (Err(reason), _) => println!("{name:<32} skipped: {reason}"),
-        }
+        println!("{}", beside_others(arguments, &inputs)?);
     }
     Ok(())
 }
 
-/// A log of samples as the unit sends them, and the same samples as serial frames.
-fn write_inputs(log: &Path, bin: &Path, lines: u64) -> io::Result<()> {
-    let (mut log, mut bin) = (BufWriter::new(File::create(log)?), BufWriter::new(File::create(bin)?));
-    let plan = CanIdMap::default();
-    let mut line = 0;
-    for index in 0u64.. {
-        let rate = |phase: u64| ((index * 7 + phase * 1_013) % 4_001) as i16 - 2_000;
-        let sample = Sample {
-            sequence: index as u16,
-            increments: [rate(0), rate(1), rate(2), rate(3)],
-            gyro_flags: 0x0F,
-            unit_flags: 0x07,
-            electronics_centi_c: 2_000 + (index / 50 % 200) as i16,
-            clock_count: (index + 1) * CLOCK_PER_SAMPLE,
-            sensor_centi_c: 7_000,
-        };
-        bin.write_all(&data_frame(&sample))?;
-        for (offset_us, frame) in [900, 1_150, 1_400].into_iter().zip(plan.frames(&sample)) {
-            if line == lines {
-                log.flush()?;
-                return bin.flush();
-            }
-            let t_us = 1_795_020_000_500_000 + index * 500_000 + offset_us;
-            write!(log, "({}.{:06}) can0 {:03X}#", t_us / 1_000_000, t_us % 1_000_000, frame.id())?;
-            for byte in frame.data() {
-                write!(log, "{byte:02X}")?;
-            }
-            log.write_all(b"\n")?;
-            line += 1;
-        }
+/// Throughput without a process around it, on one core, beside the reader of another crate.
+fn in_process(arguments: &Arguments, inputs: &Inputs) -> Result<Table> {
+    let (log, bin) = (&inputs.path(LOG), &inputs.path(BIN));
+    let (lines, rows) = (arguments.lines as f64, decode(log, false)?.1 as f64);
+    let units = device::inputs(&inputs.directory, arguments.lines)?;
+    let mut own = vec![
+        (RECORDS.to_owned(), (lines / 1e6, "M lines/s", 0.0)),
+        (SOCKETCAN.to_owned(), (lines / 1e6, "M lines/s", 0.0)),
+        (SAMPLES.to_owned(), (lines / 1e6, "M lines/s", 8.0)),
+        ("candump log to CSV".to_owned(), (rows / 1e6, "M rows/s", 2.0)),
+        ("raw serial to samples".to_owned(), (inputs.length(BIN) / MEGABYTE, "MB/s", 500.0)),
+    ];
+    let mut contenders: Vec<Contender<f64>> = vec![
+        Contender::ours(RECORDS, move || read_records(log)),
+        Contender::ours(SOCKETCAN, move || read_socketcan(log)),
+        Contender::ours(SAMPLES, move || decode(log, false).map(|(time_s, _)| time_s)),
+        Contender::ours(&own[3].0, move || decode(log, true).map(|(time_s, _)| time_s)),
+        Contender::ours(&own[4].0, move || decode(bin, false).map(|(time_s, _)| time_s)),
+    ];
+    for unit in &units {
+        let name = format!("`{}` to samples", unit.name);
+        contenders.push(Contender::ours(&name, move || unit.decode()));
+        own.push((name, unit.work));
     }
-    Ok(())
+    let results = arguments.rounds.measure(contenders)?;
+    let times = |name: &str| -> Vec<f64> {
+        results.iter().filter(|one| one.name == name).flat_map(|one| one.runs.iter().flatten().copied()).collect()
+    };
+    let mut table = Table::new("decode-core", &["one core", "median (min…max)", "target", ""]);
+    for (Results { name, runs }, (_, (work, unit, target))) in results.iter().zip(&own) {
+        let throughput = Spread::new(runs.iter().flatten().map(|time_s| work / time_s));
+        let target = match throughput.median >= *target {
+            _ if *target == 0.0 => String::new(),
+            true => format!("{target}: met"),
+            false => format!("{target}: missed"),
+        };
+        let ratio = match name == RECORDS || name == SAMPLES {
+            true => {
+                format!("{:.1} times the crate socketcan", Spread::of_ratios(&times(SOCKETCAN), &times(name)))
+            }
+            false => String::new(),
+        };
+        table.row([name.clone(), format!("{throughput:.1} {unit}"), target, ratio]);
+    }
+    Ok(table)
 }
 
 /// Counts rows, and writes them as CSV to `/dev/null`.
@@ -167,35 +140,186 @@ fn decode(path: &Path, write: bool) -> Result<(f64, u64), String> {
     Ok((time_s, counter.rows))
 }
 
-const GEU_SUMMARY: &str = "geu decode --format summary";
-const GEU_CSV: &str = "geu decode --format csv";
+/// Time to read the records of a candump log, s.
+fn read_records(path: &Path) -> Result<f64, String> {
+    let start = Instant::now();
+    let bytes = fs::read(path).map_err(|error| error.to_string())?;
+    let mut reader =
+        Format::from_name("candump").and_then(Format::reader).ok_or("expected a reader of candump logs")?;
+    let mut sum = 0u64;
+    reader.read(&bytes, true, &mut |_, record| {
+        if let CaptureRecord::Frame(frame) = record {
+            sum += u64::from(frame.id) + frame.data.iter().map(|&byte| u64::from(byte)).sum::<u64>();
+        }
+    });
+    std::hint::black_box(sum);
+    Ok(start.elapsed().as_secs_f64())
+}
+
+/// Time of the reader of the crate socketcan, s.
+fn read_socketcan(path: &Path) -> Result<f64, String> {
+    use socketcan::{CanAnyFrame, EmbeddedFrame, Frame};
+    let start = Instant::now();
+    let reader = socketcan::dump::Reader::from_file(path).map_err(|error| error.to_string())?;
+    let mut sum = 0u64;
+    for record in reader {
+        if let CanAnyFrame::Normal(frame) = record.map_err(|error| error.to_string())?.frame {
+            sum += u64::from(frame.raw_id()) + frame.data().iter().map(|&byte| u64::from(byte)).sum::<u64>();
+        }
+    }
+    std::hint::black_box(sum);
+    Ok(start.elapsed().as_secs_f64())
+}
+
+const LOG: &str = "bench.log";
+const BIN: &str = "bench.bin";
+const PCAPNG: &str = "bench.pcapng";
+const BLF: &str = "bench.blf";
+const MF4: &str = "bench.mf4";
+const DBC: &str = "bench.dbc";
+
 const PYTHON_CAN: &str = "
 import can, sys
-for message in can.CanutilsLogReader(sys.argv[1]):
+for message in can.LogReader(sys.argv[1]):
     pass
 ";
 const CANTOOLS: &str = "
 import can, cantools, sys
 database = cantools.database.load_file(sys.argv[2])
-for message in can.CanutilsLogReader(sys.argv[1]):
+for message in can.LogReader(sys.argv[1]):
     database.decode_message(message.arbitration_id, message.data)
 ";
+const ASAMMDF: &str = "
+import sys
+from asammdf import MDF
+with MDF(sys.argv[1]) as mdf:
+    signals = mdf.extract_bus_logging({'CAN': [(sys.argv[2], 0)]})
+    for channel in ('gyrx', 'clock_count'):
+        assert len(signals.get(channel)) > 0
+";
+/// The log in other formats, which only Python writes.
+const CONVERT: &str = "
+import can, sys
+log, *others = sys.argv[1:]
+for other in others:
+    with can.LogReader(log) as reader, can.Logger(other) as writer:
+        for message in reader:
+            message.channel = 0
+            writer(message)
+";
 
-/// Our and other tools, each as a whole process with its output thrown away.
-fn processes<'a>(log: &'a Path, dbc: &'a Path) -> Result<Vec<Contender<'a, f64>>> {
-    let command = |program: &str, arguments: &[&str], files: &[&Path]| {
+/// Files with the same samples.
+struct Inputs {
+    directory: PathBuf,
+}
+
+impl Inputs {
+    fn new(directory: &Path, lines: u64) -> io::Result<Inputs> {
+        let inputs = Inputs { directory: directory.to_owned() };
+        inputs::write(&inputs.path(LOG), &inputs.path(BIN), &inputs.path(PCAPNG), lines)?;
+        fs::write(inputs.path(DBC), describe::dbc(CanIdMap::default()))?;
+        Ok(inputs)
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.directory.join(name)
+    }
+
+    fn length(&self, name: &str) -> f64 {
+        fs::metadata(self.path(name)).map_or(0, |metadata| metadata.len()) as f64
+    }
+
+    /// A command as a whole process with its output thrown away; it fails where a file is missing.
+    fn command<'a>(&'a self, program: &str, arguments: &[&str], files: &[&str], is_alone: bool) -> Run<'a> {
         let mut command = if program == "geu" { geu()? } else { Command::new(program) };
-        command.args(arguments).args(files);
-        Ok::<_, Box<dyn Error>>(move || {
+        let files: Vec<PathBuf> = files.iter().map(|file| self.path(file)).collect();
+        command.args(arguments).args(&files);
+        if !is_alone {
+            command.env_remove("RAYON_NUM_THREADS");
+        }
+        Ok(Box::new(move || {
             let finished = finish(&mut command, Stdio::null())?;
             finished.text().map(|_| finished.time_s)
-        })
+        }))
+    }
+}
+
+type Run<'a> = Result<Box<dyn FnMut() -> Result<f64, String> + 'a>>;
+
+/// Whole processes, their start included; ours on one thread and on all.
+fn beside_others(arguments: &Arguments, inputs: &Inputs) -> Result<Table> {
+    // Each row with the own row that it is compared to.
+    let mut rows: Vec<(String, &str)> = Vec::new();
+    let mut contenders = Vec::new();
+    let all = "all cores, ";
+    for (file, format) in [
+        (LOG, "summary"),
+        (LOG, "csv"),
+        (LOG, "jsonl"),
+        (LOG, "parquet"),
+        (PCAPNG, "csv"),
+        (BLF, "csv"),
+        (BIN, "csv"),
+        (BIN, "parquet"),
+    ] {
+        for prefix in ["", all] {
+            let name = format!("{prefix}{}", own_name(file, format));
+            let run = inputs.command("geu", &["decode", "--quiet", "--format", format], &[file], prefix.is_empty())?;
+            // A BLF exists only if Python wrote it.
+            contenders.push(if file == BLF { Contender::other(&name, run) } else { Contender::ours(&name, run) });
+            rows.push((name, ""));
+        }
+    }
+    let converted = finish(
+        Command::new("python3").args(["-c", CONVERT]).args([LOG, BLF, MF4].map(|name| inputs.path(name))),
+        Stdio::piped(),
+    );
+    if let Err(reason) = converted.and_then(|finished| finished.text()) {
+        println!("no {BLF} and {MF4}: {reason}");
+    }
+    let log_csv = "candump log to CSV";
+    for (name, program, arguments, files, own) in [
+        ("python-can, candump log", "python3", vec!["-c", PYTHON_CAN], vec![LOG], "candump log to a summary"),
+        ("python-can with cantools, candump log", "python3", vec!["-c", CANTOOLS], vec![LOG, DBC], log_csv),
+        ("log2asc, candump log", "log2asc", vec!["-I"], vec![LOG], log_csv),
+        ("python-can with cantools, BLF", "python3", vec!["-c", CANTOOLS], vec![BLF, DBC], "BLF to CSV"),
+        ("asammdf, MDF to columns", "python3", vec!["-c", ASAMMDF], vec![MF4, DBC], "candump log to Parquet"),
+    ] {
+        let mut run = inputs.command(program, &arguments, &files, true)?;
+        if program == "log2asc" {
+            let mut command = Command::new(program);
+            command.arg("-I").arg(inputs.path(LOG)).arg("can0");
+            run = Box::new(move || {
+                let finished = finish(&mut command, Stdio::null())?;
+                finished.text().map(|_| finished.time_s)
+            });
+        }
+        contenders.push(Contender::other(name, run));
+        rows.push((name.to_owned(), own));
+    }
+    let results = arguments.rounds.measure(contenders)?;
+    let mut table = Table::new("decode-processes", &["", "s, median (min…max)", "within each round"]);
+    for (name, own) in &rows {
+        let on_all = format!("{all}{own}");
+        let ours: &[(&str, &str)] =
+            if own.is_empty() { &[] } else { &[(own, "GEU on one core"), (&on_all, "on all cores")] };
+        compared(&mut table, &results, name, ours, 3);
+    }
+    Ok(table)
+}
+
+fn own_name(file: &str, format: &str) -> String {
+    let from = match file {
+        LOG => "candump log",
+        PCAPNG => "pcapng",
+        BLF => "BLF",
+        _ => "raw serial",
     };
-    Ok(vec![
-        Contender::ours(GEU_SUMMARY, command("geu", &["decode", "--format", "summary"], &[log])?),
-        Contender::ours(GEU_CSV, command("geu", &["decode", "--format", "csv"], &[log])?),
-        Contender::other("python-can", command("python3", &["-c", PYTHON_CAN], &[log])?),
-        Contender::other("python-can + cantools", command("python3", &["-c", CANTOOLS], &[log, dbc])?),
-        Contender::other("log2asc", command("log2asc", &["-I"], &[log, Path::new("can0")])?),
-    ])
+    let to = match format {
+        "csv" => "CSV",
+        "jsonl" => "JSON lines",
+        "parquet" => "Parquet",
+        other => return format!("{from} to a {other}"),
+    };
+    format!("{from} to {to}")
 }

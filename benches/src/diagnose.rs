@@ -19,6 +19,7 @@ use serde_json::Value;
 use crate::Result;
 use crate::process::{Finished, finish, geu, python};
 use crate::rounds::{Contender, Rounds, Spread};
+use crate::table::Table;
 
 /// Sequential selection with statsmodels, sparse regression with pysindy.
 const PYTHON: &str = include_str!("diagnose.py");
@@ -78,20 +79,30 @@ pub fn run(arguments: &Arguments) -> Result {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     println!("{cores} cores; cold: thresholds computed, warm: thresholds stored; {}", arguments.rounds);
     println!("targets, warm: 3 h under 5 s, 24 h under 40 s; under 500 MB");
-    println!("{:<14} {:>22} {:>22} {:>9}   found", "", "time_s", "CPU_s", "peak_MB");
+    let columns = ["case", "", "time, s: median (min…max)", "CPU time, s", "peak memory, MB", "found"];
+    let mut table = Table::new("diagnose", &columns);
     for (index, &hours) in arguments.hours.iter().enumerate() {
         for (name, injected) in &CASES[..if index == 0 { CASES.len() } else { 1 }] {
             let assignments: Vec<&str> = injected.iter().map(|effect| effect.assignment).collect();
-            println!("{hours} h, {name} {}", assignments.join(" "));
+            eprintln!("{hours} h, {name} {}", assignments.join(" "));
             let directory = tempfile::tempdir()?;
-            case(arguments, directory.path(), hours, injected)?;
+            let case = format!("{hours} h, {name}");
+            measure(&mut table, &case, arguments, directory.path(), hours, injected)?;
         }
     }
+    println!("{table}");
     Ok(())
 }
 
 /// Makes a recording, and measures all contenders on it.
-fn case(arguments: &Arguments, directory: &Path, hours: f64, injected: &[Injected]) -> Result {
+fn measure(
+    table: &mut Table,
+    case: &str,
+    arguments: &Arguments,
+    directory: &Path,
+    hours: f64,
+    injected: &[Injected],
+) -> Result {
     let overrides: Vec<String> = injected.iter().map(|effect| effect.assignment.to_owned()).collect();
     let unit = Configuration::reference_with(&overrides)?;
     record(&Destination::new(directory, true), &unit, (hours * 3600.0 / SAMPLE_INTERVAL_S) as u64)?;
@@ -120,20 +131,22 @@ fn case(arguments: &Arguments, directory: &Path, hours: f64, injected: &[Injecte
     }
     for result in arguments.rounds.measure(contenders)? {
         match &result.runs {
-            Ok(runs) => print_runs(&result.name, runs),
-            Err(reason) => println!("  {:<12} skipped: {reason}", result.name),
+            Ok(runs) => row(table, case, &result.name, runs),
+            Err(reason) => table.row([case.to_owned(), result.name.clone(), format!("skipped: {reason}")]),
         }
     }
     Ok(())
 }
 
-/// Prints the times of a contender's runs, the largest memory, and the results, which are the same in every run.
-fn print_runs(name: &str, runs: &[(Finished, String)]) {
+/// Adds the times of a contender's runs, the largest memory, and the results, which are the same in every run.
+fn row(table: &mut Table, case: &str, name: &str, runs: &[(Finished, String)]) {
     let spread = |value: fn(&Finished) -> f64| Spread::new(runs.iter().map(|(finished, _)| value(finished)));
     let (time_s, cpu_s, peak_mb) = (spread(|run| run.time_s), spread(|run| run.cpu_s), spread(|run| run.peak_mb));
     let mut found: Vec<&str> = runs.iter().map(|(_, found)| found.as_str()).collect();
     found.dedup();
-    println!("  {name:<12} {time_s:>22.2} {cpu_s:>22.2} {:>9.0}   {}", peak_mb.max, found.join("; in another run: "));
+    let figures = [format!("{time_s:.2}"), format!("{cpu_s:.2}"), format!("{:.0}", peak_mb.max)];
+    let found = found.join("; in another run: ");
+    table.row([case.to_owned(), name.to_owned()].into_iter().chain(figures).chain([found]));
 }
 
 /// Runs a diagnosis with a cache of thresholds, and compares its result with the injected effects.

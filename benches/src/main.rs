@@ -8,11 +8,14 @@ mod calibrate;
 mod control;
 mod decode;
 mod diagnose;
+mod growth;
 mod matrix;
 mod model;
 mod next_manoeuvre;
 mod process;
+mod report;
 mod rounds;
+mod table;
 mod watch;
 
 use std::error::Error;
@@ -33,22 +36,26 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Benchmark {
-    /// Lateness of samples, beside tokio's interval, and beside cangen on a CAN interface.
+    /// Lateness of samples, beside tokio's interval and python-can, and beside cangen on a CAN interface.
     Cadence(cadence::Arguments),
-    /// Time of the evaluation of a recording: filter and smoother over a day.
+    /// Time of the evaluation of a recording, beside numpy and filterpy.
     Calibrate(calibrate::Arguments),
     /// Effect of clients of the HTTP interface on the cadence.
     Control(control::Arguments),
-    /// Throughput of the decoder, beside python-can, cantools and log2asc on the same file.
+    /// Throughput of the decoder, beside the crate socketcan, python-can, cantools, log2asc and asammdf on the same samples.
     Decode(decode::Arguments),
     /// The whole diagnosis: time, memory and effects found, beside statsmodels and pysindy.
     Diagnose(diagnose::Arguments),
     /// The diagnosis of the independent model's recordings, over motions and references.
     Matrix(matrix::Arguments),
-    /// Samples per second of the model, beside the same gyros in numpy.
+    /// Samples per second of the model, beside the same gyros in numpy, Basilisk and gnss-ins-sim.
     Model(model::Arguments),
+    /// Cost and memory of simulation, decoding and calibration by the length of a recording.
+    Growth(growth::Arguments),
     /// The manoeuvres that diagnoses propose for ambiguous pairs.
     NextManoeuvre(next_manoeuvre::Arguments),
+    /// All parts of docs/benchmarks.md, and the page.
+    Report(report::Arguments),
     /// False alarms of the watch, and its delay by fault.
     Watch(watch::Arguments),
 }
@@ -60,9 +67,11 @@ fn main() -> ExitCode {
         Benchmark::Control(arguments) => control::run(&arguments),
         Benchmark::Decode(arguments) => decode::run(&arguments),
         Benchmark::Diagnose(arguments) => diagnose::run(&arguments),
+        Benchmark::Growth(arguments) => growth::run(&arguments),
         Benchmark::Matrix(arguments) => matrix::run(&arguments),
         Benchmark::Model(arguments) => model::run(&arguments),
         Benchmark::NextManoeuvre(arguments) => next_manoeuvre::run(&arguments),
+        Benchmark::Report(arguments) => report::run(&arguments),
         Benchmark::Watch(arguments) => watch::run(&arguments),
     };
     match result {

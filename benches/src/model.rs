@@ -12,16 +12,22 @@ use geu_recorder::{Destination, record};
 use crate::Result;
 use crate::process::{python, status_mb};
 use crate::rounds::{Contender, Results, Rounds, Spread};
+use crate::table::Table;
 
 /// Equal gyros in numpy, vectorised over time.
 const NUMPY: &str = include_str!("model.py");
 /// Another simulator's gyros: three, with fewer effects.
 const GNSS_INS_SIM: &str = include_str!("model_gnss.py");
-/// It keeps all samples and would take minutes for a million samples; its speed does not depend on their number.
+/// A sensor model of a spacecraft simulator: three gyros, with fewer effects.
+const BASILISK: &str = include_str!("model_bsk.py");
+/// gnss-ins-sim keeps all samples and would take minutes for a million samples; its speed does not depend on their number.
 const GNSS_INS_SIM_SAMPLE_INTERVALS: u64 = 20_000;
 
 /// The contender to which others are compared.
 const EVERY: &str = "every effect, no output, one thread";
+const WRITTEN: &str = "every effect, all files, two threads";
+/// Thousand samples/s.
+const TARGETS: [(&str, f64); 2] = [(EVERY, 500.0), (WRITTEN, 150.0)];
 
 /// Arguments of `geu-bench model`.
 #[derive(Args)]
@@ -31,7 +37,7 @@ pub struct Arguments {
     samples: u64,
     #[command(flatten)]
     rounds: Rounds,
-    /// Leave out numpy and gnss-ins-sim
+    /// Leave out numpy, Basilisk and gnss-ins-sim
     #[arg(long)]
     alone: bool,
 }
@@ -68,40 +74,50 @@ pub fn run(arguments: &Arguments) -> Result {
     let mut contenders = vec![
         Contender::ours("reference unit, no output, one thread", || model(&reference)),
         Contender::ours(EVERY, || model(&all)),
-        Contender::ours("every effect, all files, two threads", written),
+        Contender::ours(WRITTEN, written),
     ];
     let scripts = directory.path();
     if !arguments.alone {
         let counted = samples.min(GNSS_INS_SIM_SAMPLE_INTERVALS);
         contenders.push(Contender::other("numpy", move || speeds_of(scripts, NUMPY, 1, samples)));
+        contenders.push(Contender::other("Basilisk", move || speeds_of(scripts, BASILISK, 1, samples)));
         contenders.push(Contender::other("gnss-ins-sim", move || speeds_of(scripts, GNSS_INS_SIM, 2, counted)));
     }
-    println!("samples/s at the 0.1 s step, four gyros, {samples} samples; {}", arguments.rounds);
-    println!("targets: every effect 500 000 without output, goal 1 000 000; 150 000 with all files");
+    println!("samples/s at the 0.1 s step, {samples} samples; {}", arguments.rounds);
     let results = arguments.rounds.measure(contenders)?;
+    let mut table =
+        Table::new("model", &["", "thousand samples/s, median (min…max)", "target", "every effect, no output"]);
     let speeds = |runs: &[Vec<f64>], row: usize| -> Vec<f64> { runs.iter().map(|speeds| speeds[row]).collect() };
     let every = results.iter().find(|result| result.name == EVERY).and_then(|result| result.runs.as_ref().ok());
     let every = every.map(|runs| speeds(runs, 0)).unwrap_or_default();
     for Results { name, runs } in &results {
         let rows: &[&str] = match name.as_str() {
-            "numpy" => &[", every effect, no output"],
+            "numpy" => &[", four gyros, every effect"],
+            "Basilisk" => &[", imuSensor, three gyros"],
             "gnss-ins-sim" => &[", trajectory and sensors", ", three gyros alone"],
             _ => &[""],
         };
-        match runs {
-            Ok(runs) => {
-                for (row, label) in rows.iter().enumerate() {
-                    let per_s = speeds(runs, row);
-                    let ratio = match label.is_empty() {
-                        true => String::new(),
-                        false => format!("ours is {:.1} times as fast", Spread::of_ratios(&every, &per_s)),
-                    };
-                    println!("{:<40} {:>30.0}   {ratio}", format!("{name}{label}"), Spread::new(per_s));
-                }
+        let runs = match runs {
+            Ok(runs) => runs,
+            Err(reason) => {
+                table.row([name.clone(), format!("skipped: {reason}")]);
+                continue;
             }
-            Err(reason) => println!("{name} skipped: {reason}"),
+        };
+        for (row, label) in rows.iter().enumerate() {
+            let per_s = speeds(runs, row);
+            let speed = Spread::new(per_s.iter().map(|speed| speed * 1e-3));
+            let target = TARGETS.iter().find(|(own, _)| own == name).map_or(String::new(), |(_, target)| {
+                format!("{target}: {}", if speed.median >= *target { "met" } else { "missed" })
+            });
+            let ratio = match label.is_empty() {
+                true => String::new(),
+                false => format!("is {:.1} times as fast", Spread::of_ratios(&every, &per_s)),
+            };
+            table.row([format!("{name}{label}"), format!("{speed:.0}"), target, ratio]);
         }
     }
+    println!("{table}");
     println!("memory at the end: {:.1} MB", status_mb("self", "VmHWM").unwrap_or(f64::NAN));
     Ok(())
 }

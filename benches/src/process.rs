@@ -1,6 +1,7 @@
 //! Child processes of benchmarks: the emulator, scripts, and their time and memory.
 
 use std::fs;
+use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -128,6 +129,27 @@ pub fn finish(command: &mut Command, stdout: Stdio) -> Result<Finished, String> 
 fn children_cpu_s() -> f64 {
     let usage = getrusage(UsageWho::RUSAGE_CHILDREN).map(|usage| usage.user_time() + usage.system_time());
     usage.map_or(0.0, |time| time.num_microseconds() as f64 * 1e-6)
+}
+
+/// Standard output of a Python script.
+///
+/// # Errors
+/// Python cannot be started, or fails.
+pub fn python_text(script: &str) -> Result<String, String> {
+    finish(Command::new("python3").args(["-c", script]), Stdio::piped())?.text()
+}
+
+/// Runs this program again on one thread, unless it does, so that it measures one core.
+///
+/// # Errors
+/// It cannot be started.
+pub fn on_one_thread() -> Result {
+    const THREADS: &str = "RAYON_NUM_THREADS";
+    if std::env::var_os(THREADS).is_some_and(|threads| threads == "1") {
+        return Ok(());
+    }
+    let mut command = Command::new(std::env::current_exe()?);
+    Err(command.args(std::env::args_os().skip(1)).env(THREADS, "1").exec().into())
 }
 
 /// Runs a Python script with arguments.

@@ -69,8 +69,8 @@ fn text_format(head: &[u8], is_complete: bool) -> Option<&'static Format> {
         if frames > most.0 {
             most = (frames, Some(format));
         }
-        // No later format can read more.
-        if frames == lines {
+        // No later format can read more; the last line may be cut.
+        if frames > 1 && frames + 1 >= lines {
             break;
         }
     }

@@ -41,13 +41,9 @@ impl<T: Send + 'static> Ordered<T> {
     pub fn is_full(&self) -> bool {
         self.pending.len() >= self.pool.current_num_threads() + 2
     }
-}
 
-impl<T> Iterator for Ordered<T> {
-    type Item = T;
-
-    /// Waits for the next result; `None` after the last one.
-    fn next(&mut self) -> Option<T> {
+    /// Waits for the next result; `None` if all have been given out.
+    pub fn wait(&mut self) -> Option<T> {
         // A panic in the pool ends the process.
         self.pending.pop_front()?.recv().ok()
     }

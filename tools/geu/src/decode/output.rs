@@ -110,7 +110,7 @@ impl<R: Clone + Send + 'static> Blocks<R> {
 
     /// Puts out the text of the next block; false if there is none.
     fn put_out(&mut self, writer: &mut OutputWriter) -> Result<bool, CommandError> {
-        let Some(mut block) = self.pending.next() else { return Ok(false) };
+        let Some(mut block) = self.pending.wait() else { return Ok(false) };
         if writer.buffer.is_empty() {
             mem::swap(&mut writer.buffer, &mut block.text);
         }

@@ -63,7 +63,7 @@ pub fn read<D: Decode>(
         part = next;
         let is_last = is_end || cut == 0 || stop.is_due() || sink.is_closed();
         while (is_last || pending.is_full())
-            && let Some(mut parsed) = pending.next()
+            && let Some(mut parsed) = pending.wait()
         {
             let Capture { reader, seen, .. } = &mut *capture;
             let first = reader.records() + 1;
