@@ -1,4 +1,4 @@
-"""Recordings of units that are killed, and of units whose disk is full."""
+"""Recordings of units that are killed, or have a full disk."""
 import json
 import os
 import random
