@@ -1,4 +1,4 @@
-"""Clients: many, gone, silent, and those of the control interface."""
+"""Clients: many, gone, silent, and of the control interface."""
 import contextlib
 import os
 import random
@@ -22,7 +22,7 @@ VANISHED = 1000
 SERVED_WITHIN_S = 0.1
 #: A pty has the rate of a serial line of 115200 baud; protocol/ICD.md.
 BYTES_PER_S = 11_520
-#: Connections of the control interface: those served, and those that get an error response.
+#: Connections of the control interface: served, and with an error response.
 CONTROL_SERVED, CONTROL_REJECTED = 32, 16
 #: Its reply differs from that of a PING.
 SET_MODE_CYCLIC = wire.frame(wire.COMMAND, b"\x02\x00")

@@ -36,8 +36,7 @@ class Figures(Checks):
         self.skip(self.case, reason)
 
     def table(self):
-        """The rows as a table in Markdown; only the first row of a case has its name, and only the first one of a reason the
-        reason."""
+        """The rows as a table in Markdown; a name of a case and a reason appear once."""
         lines, before, reasons = ["| case | measured | value | limit |", "|---|---|---|---|"], None, {""}
         for case, what, value, limit in self.rows:
             limit, _, reason = limit.partition(": ")

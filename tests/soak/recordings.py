@@ -29,7 +29,7 @@ def decoded(geu, record):
 
 
 def differing(geu, record, again):
-    """Files of the recording that are not the beginning of those that `geu simulate run.toml` writes; `none` without such."""
+    """Files of the recording with which the output of `geu simulate run.toml` does not begin; `none` without such."""
     done = subprocess.run([geu, "simulate", record / "run.toml", "--out", again], capture_output=True, text=True, check=False)
     if done.returncode:
         return done.stderr.strip()[-300:]
@@ -71,7 +71,7 @@ def killed(figures, options, scratch):
     figures.exactly("complete samples in link.bin that `geu decode` does not give", unreadable, 0, f"of {rows_in_all}; docs/recordings.md")
     figures.exactly("files that `geu simulate run.toml` does not repeat byte for byte", "; ".join(sorted(set(unlike))), "none", "docs/recordings.md")
     figures.exactly("commands answered within 10 ms of disk time and not recorded", unrecorded, 0, f"of {asked} answered; docs/recordings.md")
-    figures.row("commands answered and not recorded, after one that had waited 10 ms for the disk", excused)
+    figures.row("commands answered and not recorded, after an answer that had waited 10 ms for the disk", excused)
     figures.at_most("samples received and not recorded, at most", max(behind), 1, "", "a sample is written when it ends, while it is sent", 0)
 
 
