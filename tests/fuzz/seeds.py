@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 CAPTURES = ROOT / "tests" / "captures"
 #: Longest input of each target: long enough for several records, short for speed.
 MAX_BYTES = dict.fromkeys(("asc", "candump", "console", "console_delta", "csv", "device_can", "device_table", "python_csv", "trc"), 256)
-MAX_BYTES |= dict.fromkeys(("serial", "device_serial", "command", "commands", "expression", "formula"), 128)
+MAX_BYTES |= dict.fromkeys(("serial", "device_serial", "traffic_can", "traffic_device", "traffic_serial", "command", "commands", "expression", "formula"), 128)
 MAX_BYTES |= dict.fromkeys(("blf", "pcap", "pcapng", "detect", "received", "truth", "forty_two"), 512)
 MAX_BYTES |= dict.fromkeys(("aem", "dbc", "faults", "reference", "reference_file", "request"), 1024)
 MAX_BYTES |= dict.fromkeys(("configuration", "device"), 3072) | {"input": 8192}
@@ -186,6 +186,9 @@ def seeds(geu, names):
         "reference_file": [bytes([number]) + text for number in range(3) for text in references + ephemerides],
         "request": requests,
         "serial": [content + b"\x80\xff" for content in unit_serial],
+        "traffic_can": [bytes(range(60)), b"\0\1\0\0\0\1\2\3\4" * 5 + b"\x80\xff"],
+        "traffic_device": [bytes([number]) + bytes(range(40)) for number in range(6)],
+        "traffic_serial": [bytes(range(60)), b"\0\1\0\0\0\1\2\3\4" * 5 + b"\x80\xff"],
         "trc": lines("encoded-python-can.trc", 5),
         "truth": [TRUTH.encode() + b"\x80\xff"],
     }
