@@ -26,7 +26,7 @@ def find_geu(named):
     target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
     built = [path for kind in ("release", "debug") if (path := target / kind / "geu").exists()]
     if not built:
-        raise SystemExit(f"no geu in {target}: build it with cargo build --release, or name it with --geu")
+        raise SystemExit(f"no geu in {target}: build it with cargo build --release --locked, or name it with --geu")
     return str(max(built, key=lambda path: path.stat().st_mtime))
 
 

@@ -2,7 +2,7 @@
 
 mod assembler;
 
-pub use assembler::{AssembledSample, Assembler, AssemblerEvent, CanDefect, DefectBytes};
+pub use assembler::{AssembledSample, Assembler, AssemblerEvent, CanDefect, DefectBytes, Progress};
 
 use crate::command::{COMMAND_CAN, REPLY_CAN, Reply};
 use crate::crc::crc16;

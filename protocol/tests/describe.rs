@@ -42,7 +42,7 @@ fn files_are_those_the_generators_write() {
         assert!(
             written == generated,
             "protocol/{name} differs from its generator, first in line {}; bring it up to date with\n    \
-             cargo run -- describe {form} --out protocol/{name}",
+             cargo run --locked -- describe {form} --out protocol/{name}",
             differs.unwrap_or(written.lines().count().min(generated.lines().count())) + 1
         );
     }

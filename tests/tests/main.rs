@@ -40,6 +40,7 @@ mod run;
 mod serial_noise;
 mod skipped;
 mod tables;
+mod threads;
 mod track;
 mod trials;
 mod truth;

@@ -1,5 +1,6 @@
 //! What a truth that is sampled loses of a tumble: between samples the unit turns about one axis, while the axis of a tumbling
-//! body moves (coning). The table of docs/truth.md comes from here: `cargo test -p geu-tests --test geu truth_sampling -- --nocapture`.
+//! body moves (coning). The table of docs/truth.md comes from here:
+//! `cargo test --locked -p geu-tests --test geu truth_sampling -- --nocapture`.
 
 use std::fmt::Write as _;
 

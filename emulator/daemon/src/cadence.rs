@@ -3,23 +3,16 @@
 //! On a two-core virtual machine the median lateness of a timer of an asynchronous runtime is more than 1 ms, of an absolute sleep
 //! with 1 ns of timer slack less than 0.1 ms; a final spin removes the rest.
 
-use std::thread;
 use std::time::Duration;
 
 use nix::errno::Errno;
 use nix::sys::prctl;
-use nix::sys::time::TimeSpec;
-use nix::time::{ClockId, ClockNanosleepFlags, clock_gettime, clock_nanosleep};
 
-const NS_PER_S: i64 = 1_000_000_000;
+use crate::host;
+pub use crate::host::now_ns;
+
 /// SCHED_FIFO priority: above ordinary work, below the kernel's own threads at 50.
 const FIFO_PRIORITY: i32 = 40;
-
-/// Now on the monotonic clock, ns.
-pub fn now_ns() -> i64 {
-    let now = clock_gettime(ClockId::CLOCK_MONOTONIC).expect("every Linux has CLOCK_MONOTONIC");
-    now.tv_sec() * NS_PER_S + now.tv_nsec()
-}
 
 /// Sleeps until absolute deadlines, on the thread that made it.
 #[derive(Debug)]
@@ -38,10 +31,7 @@ impl DeadlineTimer {
     /// Returns at the deadline or as soon as possible after it.
     pub fn sleep_until(&self, deadline_ns: i64) {
         let wake_ns = deadline_ns - self.spin_ns;
-        let wake = TimeSpec::new(wake_ns.div_euclid(NS_PER_S), wake_ns.rem_euclid(NS_PER_S));
-        while clock_nanosleep(ClockId::CLOCK_MONOTONIC, ClockNanosleepFlags::TIMER_ABSTIME, &wake) == Err(Errno::EINTR)
-        {
-        }
+        host::sleep_thread_until(wake_ns);
         if self.spin_ns > 0 {
             while now_ns() < deadline_ns {
                 std::hint::spin_loop();
@@ -54,7 +44,7 @@ impl DeadlineTimer {
 pub(crate) fn doze_until(deadline_ns: i64) {
     let left_ns = deadline_ns - now_ns();
     if left_ns > 0 {
-        thread::park_timeout(Duration::from_nanos(left_ns as u64));
+        host::park_thread(Duration::from_nanos(left_ns as u64));
     }
 }
 

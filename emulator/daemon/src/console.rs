@@ -78,6 +78,10 @@ pub(crate) fn show_status(device: &Device, sample: Option<CompletedSample>, clie
 
 /// Queues a message for the printing thread, so that a blocked or closed terminal delays no caller.
 fn send(message: Message) {
+    #[cfg(test)]
+    if crate::simulation::host().is_some() {
+        return;
+    }
     static MESSAGES: OnceLock<SyncSender<Message>> = OnceLock::new();
     let messages = MESSAGES.get_or_init(|| {
         let (sender, messages) = sync_channel(QUEUE);

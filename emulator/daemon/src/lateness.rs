@@ -3,6 +3,8 @@
 use std::fmt;
 use std::sync::{Mutex, MutexGuard};
 
+use crate::host;
+
 /// Binary logarithm of the buckets per octave.
 const SUB_BITS: u32 = 3;
 const BUCKETS: usize = (64 - SUB_BITS as usize + 1) << SUB_BITS;
@@ -125,7 +127,7 @@ impl CadenceMonitor {
     }
 
     fn lock(&self) -> MutexGuard<'_, CadenceCounts> {
-        self.0.lock().expect("no panic while locked")
+        host::lock(&self.0)
     }
 }
 

@@ -15,6 +15,7 @@ mod control_service;
 pub mod descriptors;
 #[cfg(fuzzing)]
 pub mod fuzzing;
+mod host;
 pub mod lateness;
 pub mod link;
 mod patience;
@@ -22,6 +23,8 @@ mod recorder_thread;
 mod run;
 pub mod running;
 mod shared_unit;
+#[cfg(test)]
+mod simulation;
 pub mod truth;
 
 pub use catalogue::catalogue;

@@ -1,9 +1,11 @@
 //! Time limit for readers, and the end of a run, which ends every wait.
 
 use std::sync::{Arc, OnceLock};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use tokio::sync::Notify;
+
+use crate::host::Instant;
 
 /// Time for all readers together to read the last data after a request to end.
 pub(crate) const LAST_WORDS: Duration = Duration::from_millis(300);

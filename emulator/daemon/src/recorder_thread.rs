@@ -7,15 +7,14 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, OnceLock};
-use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use geu_model::configuration::EndedEarly;
 use serde_json::{Value, json};
 use tokio::sync::{oneshot, watch};
-use tokio::time::timeout;
 
 use crate::console;
+use crate::host::{self, Instant, Thread};
 use geu_recorder::{End, RecordError, Recorder, UnitEvent};
 
 /// Memory that may wait for the disk: at rest four hours, at a thousand commands per second some minutes.
@@ -79,6 +78,12 @@ impl Status {
         })
     }
 
+    /// Memory that waits for the disk.
+    #[cfg(test)]
+    pub fn waiting_bytes(&self) -> usize {
+        self.waiting_bytes.load(Relaxed)
+    }
+
     /// True if a run without deadlines may continue.
     pub fn has_ample_capacity(&self) -> bool {
         self.waiting_bytes.load(Relaxed) <= AMPLE_WAITING || self.ended.get().is_some()
@@ -101,7 +106,7 @@ impl Status {
             return;
         }
         let mut written = self.written.subscribe();
-        if timeout(REPLY_TIMEOUT, written.wait_for(|written| *written >= count)).await.is_err() {
+        if host::timeout(REPLY_TIMEOUT, written.wait_for(|written| *written >= count)).await.is_none() {
             self.stall(|| self.lacks(count));
         }
     }
@@ -113,7 +118,7 @@ impl Status {
             if start.elapsed() > REPLY_TIMEOUT {
                 return self.stall(|| self.lacks(count));
             }
-            thread::sleep(POLL_INTERVAL);
+            host::sleep_thread(POLL_INTERVAL);
         }
     }
 
@@ -188,25 +193,60 @@ fn feed(directory: &Path) -> (Feed, Receiver<UnitEvent>) {
     (Feed { events: sender, count: 0, samples: 0, status: Status::new(directory) }, events)
 }
 
-type Create = Box<dyn FnOnce() -> Result<Recorder, RecordError> + Send>;
+/// The destination of the events of a recording.
+pub(crate) trait Writer {
+    fn event(&mut self, event: &UnitEvent) -> Result<(), RecordError>;
+    fn flush(&mut self) -> Result<(), RecordError>;
+    /// Number of samples written.
+    fn samples(&self) -> u64;
+    fn end(self, end: End) -> Result<(), RecordError>;
+}
+
+impl Writer for Recorder {
+    fn event(&mut self, event: &UnitEvent) -> Result<(), RecordError> {
+        Recorder::event(self, event)
+    }
+
+    fn flush(&mut self) -> Result<(), RecordError> {
+        Recorder::flush(self)
+    }
+
+    fn samples(&self) -> u64 {
+        Recorder::samples(self)
+    }
+
+    fn end(self, end: End) -> Result<(), RecordError> {
+        Recorder::end(self, end)
+    }
+}
+
+/// Opens the recording, reports that, and writes it to its end.
+type Write = Box<dyn FnOnce(oneshot::Sender<Result<(), RecordError>>) + Send>;
 
 /// The thread that writes a recording.
 pub(crate) struct RecorderThread {
     /// `None` once the thread runs.
-    planned: Option<(Receiver<UnitEvent>, Create)>,
+    planned: Option<Write>,
     is_done: Option<oneshot::Receiver<()>>,
     status: Arc<Status>,
 }
 
 impl RecorderThread {
     /// Prepares a recording into `directory`, which `create` opens; events wait until [`RecorderThread::open`].
-    pub fn new(
+    pub fn new<W: Writer>(
         directory: &Path,
-        create: impl FnOnce() -> Result<Recorder, RecordError> + Send + 'static,
+        create: impl FnOnce() -> Result<W, RecordError> + Send + 'static,
     ) -> (Feed, RecorderThread) {
         let (feed, events) = feed(directory);
-        let status = feed.status.clone();
-        (feed, RecorderThread { planned: Some((events, Box::new(create))), is_done: None, status })
+        let (status, own) = (feed.status.clone(), feed.status.clone());
+        let run = move |opened: oneshot::Sender<_>| match create() {
+            Err(error) => drop(opened.send(Err(error))),
+            Ok(writer) => {
+                let _ = opened.send(Ok(()));
+                write(writer, &events, &own);
+            }
+        };
+        (feed, RecorderThread { planned: Some(Box::new(run)), is_done: None, status })
     }
 
     /// Opens the recording on the thread that writes: a disk may hang.
@@ -214,17 +254,10 @@ impl RecorderThread {
     /// # Errors
     /// A recording that cannot begin.
     pub async fn open(&mut self) -> Result<(), RecordError> {
-        let Some((events, create)) = self.planned.take() else { return Ok(()) };
+        let Some(run) = self.planned.take() else { return Ok(()) };
         let ((opened, is_open), (done, is_done)) = (oneshot::channel(), oneshot::channel());
-        let status = self.status.clone();
-        let thread = thread::Builder::new().name("geu-recording".to_owned()).spawn(move || {
-            match create() {
-                Err(error) => drop(opened.send(Err(error))),
-                Ok(recorder) => {
-                    let _ = opened.send(Ok(()));
-                    write(recorder, &events, &status);
-                }
-            }
+        let thread = Thread::spawn("geu-recording", move || {
+            run(opened);
             let _ = done.send(());
         });
         thread.map_err(|source| RecordError::Thread { directory: self.status.directory.clone(), source })?;
@@ -255,7 +288,7 @@ impl RecorderThread {
 }
 
 /// Writes all events until the feed is dropped, and `run.toml`.
-fn write(mut recorder: Recorder, events: &Receiver<UnitEvent>, status: &Status) {
+fn write(mut recorder: impl Writer, events: &Receiver<UnitEvent>, status: &Status) {
     let end = match write_events(&mut recorder, events, status) {
         Ok(()) => match status.ended.get() {
             None => End::Run,
@@ -273,9 +306,9 @@ fn write(mut recorder: Recorder, events: &Receiver<UnitEvent>, status: &Status) 
     }
 }
 
-fn write_events(recorder: &mut Recorder, events: &Receiver<UnitEvent>, status: &Status) -> Result<(), RecordError> {
+fn write_events(recorder: &mut impl Writer, events: &Receiver<UnitEvent>, status: &Status) -> Result<(), RecordError> {
     let (mut written, mut flushed) = (0, Instant::now());
-    let mut next = events.recv().ok();
+    let mut next = host::receive(events);
     while let Some(event) = next {
         recorder.event(&event)?;
         written += 1;
@@ -285,7 +318,7 @@ fn write_events(recorder: &mut Recorder, events: &Receiver<UnitEvent>, status: &
             recorder.flush()?;
             status.wrote(written);
             flushed = Instant::now();
-            next = next.or_else(|| events.recv().ok());
+            next = next.or_else(|| host::receive(events));
         }
     }
     Ok(())

@@ -32,7 +32,7 @@ const OBJECT_SIGNATURE: &[u8] = b"LOBJ";
 const OBJECT_HEADER: usize = 16;
 /// Largest number of bytes between two objects.
 const MAX_PADDING: usize = 4;
-/// Bytes that show that there is no object: so many are reported, whatever they arrive with.
+/// Number of bytes that show the absence of an object: this number is reported, in any chunks.
 const LOST_EXCERPT: usize = MAX_PADDING + OBJECT_SIGNATURE.len();
 
 const CONTAINER: u32 = 10;

@@ -4,7 +4,7 @@
 //! nine digits, a direction ` T` or ` R` may follow; `123#R8` is a remote frame, `123##1…` a CAN FD frame, an identifier
 //! 2xxxxxxx an error frame, and `DROPCOUNT:` lines count the frames that the recorder lost.
 
-use super::text::{LineFormat, hex_byte, hex_digit, number, reader, seconds, words};
+use super::text::{LineFormat, hex_byte, hex_data, hex_digit, number, reader, seconds, words};
 use super::{CaptureRecord, Detection, Format, Frame, Timestamp};
 
 pub(super) const FORMATS: &[Format] = &[Format {
@@ -20,11 +20,14 @@ const ERROR_FLAG: u32 = 0x2000_0000;
 
 #[derive(Debug, Default)]
 struct Candump {
+    last_seconds: LastSeconds,
     last_interface: LastInterface,
     data: [u8; 8],
 }
 
 impl LineFormat for Candump {
+    const IS_INDEPENDENT: bool = true;
+
     fn read<'a>(&'a mut self, line: &'a [u8]) -> Option<CaptureRecord<'a>> {
         if let Some(remark) = remark(line) {
             return Some(remark);
@@ -58,53 +61,87 @@ impl LineFormat for Candump {
         }
     }
 
-    /// Reads a line of the usual form: ten-digit seconds, microseconds, the same interface as before, a standard identifier,
-    /// eight data bytes and nothing else.
+    /// Reads a line of the usual form: seconds of up to ten digits, microseconds, the same interface as before, a standard
+    /// identifier, eight data bytes and nothing else.
     #[inline]
     fn read_usual<'a>(&'a mut self, bytes: &'a [u8]) -> Option<(Frame<'a>, usize)> {
-        let LastInterface { word: name, mask, name_length } = self.last_interface;
-        let head: &[u8; NAME_AT + 8] = bytes.first_chunk()?;
-        if head[0] != b'(' || head[11] != b'.' || head[18] != b')' || head[19] != b' ' {
+        let line: &[u8; USUAL] = bytes.first_chunk()?;
+        let start = u128::from_le_bytes(part(line, 0));
+        if start & self.last_seconds.mask != self.last_seconds.text {
+            self.last_seconds = LastSeconds::new(line)?;
+        }
+        let (LastSeconds { point, t_ns: seconds_ns, .. }, name) = (self.last_seconds, self.last_interface);
+        // The digit before the point and the point itself become zeros in front of the six digits.
+        let micros = eight_digits(word(line, point - 1) & !0xFFFF | 0x3030)?;
+        let name_at = point + 9;
+        if part(line, point + 7) != *b") " || word(line, name_at) & name.mask != name.word {
             return None;
         }
-        if name_length == 0 || word(head, NAME_AT) & mask != name {
-            return None;
-        }
-        // Ten digits, the point, six digits: the last two before the point join the six behind it.
-        let seconds_high = eight_digits(word(head, 1))?;
-        let low = word(head, 10) & !0xFFFF | word(head, 9) & 0xFFFF;
-        let low = eight_digits(low)?;
-        let t_ns = ((seconds_high * 100_000_000 + low) as i64).checked_mul(1_000)?;
-        let rest: &[u8; 21] = bytes[NAME_AT + name_length + 1..].first_chunk()?;
+        let rest: [u8; 21] = part(line, name_at + name.name_length + 1);
         if rest[3] != b'#' || rest[20] != b'\n' {
             return None;
         }
         let (a, b, c) = (hex_digit(rest[0]), hex_digit(rest[1]), hex_digit(rest[2]));
-        let mut wrong = a | b | c;
-        for (index, byte) in self.data.iter_mut().enumerate() {
-            let (high, low) = (hex_digit(rest[4 + 2 * index]), hex_digit(rest[5 + 2 * index]));
-            wrong |= high | low;
-            *byte = high << 4 | low;
-        }
         let id = u32::from(a) << 8 | u32::from(b) << 4 | u32::from(c);
-        if wrong > 15 || id > 0x7FF {
+        if a | b | c > 15 || id > 0x7FF {
             return None;
         }
-        let (time, interface) = (Some(Timestamp { t_ns, digits: 6 }), &bytes[NAME_AT..NAME_AT + name_length]);
-        let frame = Frame { time, interface, id, extended: false, data: &self.data };
-        Some((frame, NAME_AT + name_length + 1 + rest.len()))
+        self.data = hex_data(rest[4..].first_chunk()?)?;
+        let t_ns = seconds_ns.checked_add(micros as i64 * 1_000)?;
+        let interface = &bytes[name_at..name_at + name.name_length];
+        let frame =
+            Frame { time: Some(Timestamp { t_ns, digits: 6 }), interface, id, extended: false, data: &self.data };
+        Some((frame, name_at + name.name_length + 1 + rest.len()))
     }
 }
 
-/// Offset of the name in `(1795020000.500932) can0 …`.
-const NAME_AT: usize = 20;
+/// Bytes that hold every line of the usual form.
+const USUAL: usize = 64;
+
+/// Seconds of the line before, with the parenthesis before them and the point behind; many lines have the same.
+#[derive(Debug, Clone, Copy)]
+struct LastSeconds {
+    text: u128,
+    mask: u128,
+    /// Offset of the point, 2 to 11.
+    point: usize,
+    t_ns: i64,
+}
+
+impl Default for LastSeconds {
+    /// The seconds of no line.
+    fn default() -> LastSeconds {
+        LastSeconds { text: u128::MAX, mask: 0, point: 2, t_ns: 0 }
+    }
+}
+
+impl LastSeconds {
+    fn new(line: &[u8; USUAL]) -> Option<LastSeconds> {
+        let digits = line[1..].iter().take_while(|digit| digit.is_ascii_digit()).count();
+        let point = digits + 1;
+        if line[0] != b'(' || !(1..=10).contains(&digits) || line[point] != b'.' {
+            return None;
+        }
+        let seconds = line[1..point].iter().fold(0i64, |sum, digit| 10 * sum + i64::from(digit - b'0'));
+        let mask = u128::MAX >> (8 * (15 - point));
+        let text = u128::from_le_bytes(part(line, 0)) & mask;
+        Some(LastSeconds { text, mask, point, t_ns: seconds.checked_mul(1_000_000_000)? })
+    }
+}
 
 /// Name of the interface on the line before, as the lowest bytes of a word, with the blank behind it.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 struct LastInterface {
     word: u64,
     mask: u64,
     name_length: usize,
+}
+
+impl Default for LastInterface {
+    /// The name of no interface.
+    fn default() -> LastInterface {
+        LastInterface { word: u64::MAX, mask: 0, name_length: 0 }
+    }
 }
 
 impl LastInterface {
@@ -123,9 +160,16 @@ impl LastInterface {
     }
 }
 
+/// Bytes of a line from an offset below half its length.
 #[inline]
-fn word(bytes: &[u8; NAME_AT + 8], at: usize) -> u64 {
-    u64::from_le_bytes(*bytes[at..].first_chunk().unwrap_or(&[0; 8]))
+fn part<const LENGTH: usize>(line: &[u8; USUAL], at: usize) -> [u8; LENGTH] {
+    // The mask removes the check of bounds; every offset is below.
+    *line[at % (USUAL / 2)..].first_chunk().expect("a part of less than half a line")
+}
+
+#[inline]
+fn word(line: &[u8; USUAL], at: usize) -> u64 {
+    u64::from_le_bytes(part(line, at))
 }
 
 /// The number of eight ASCII digits, the first in the lowest byte (all eight at once, in three multiplications).

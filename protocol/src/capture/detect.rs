@@ -45,10 +45,7 @@ pub fn detect(head: &[u8], is_complete: bool) -> Detected {
     if let Some(foreign) = Foreign::from_head(head) {
         return Detected::Foreign(foreign);
     }
-    let lines = Format::all()
-        .filter(|format| matches!(format.detection, Detection::Lines | Detection::Variants(_)))
-        .map(|format| (frames(format, head, is_complete), format));
-    if let Some((1.., format)) = lines.rev().max_by_key(|(frames, _)| *frames) {
+    if let Some(format) = text_format(head, is_complete) {
         return match format.detection {
             Detection::Variants(select) => select(head, is_complete).map_or(Detected::Undecided, Detected::Format),
             _ => Detected::Format(format),
@@ -63,17 +60,34 @@ pub fn detect(head: &[u8], is_complete: bool) -> Detected {
     }
 }
 
-/// Number of lines of `head` that are frames.
-fn frames(format: &Format, head: &[u8], is_complete: bool) -> usize {
+/// The text format that reads most lines as frames, the first of several; `None` without such a line.
+fn text_format(head: &[u8], is_complete: bool) -> Option<&'static Format> {
+    let is_text = |format: &&Format| matches!(format.detection, Detection::Lines | Detection::Variants(_));
+    let mut most = (0, None);
+    for format in Format::all().filter(is_text) {
+        let (frames, lines) = frames(format, head, is_complete);
+        if frames > most.0 {
+            most = (frames, Some(format));
+        }
+        // No later format can read more.
+        if frames == lines {
+            break;
+        }
+    }
+    most.1
+}
+
+/// Number of lines of `head` that are frames, and of all lines.
+fn frames(format: &Format, head: &[u8], is_complete: bool) -> (u64, u64) {
     let mut count = 0;
     let mut reader = format.reader().expect("a text format has a reader");
     reader.read(head, is_complete, &mut |_, record| {
-        count += usize::from(matches!(
+        count += u64::from(matches!(
             record,
             CaptureRecord::Frame(_) | CaptureRecord::Remote | CaptureRecord::Fd | CaptureRecord::Error
         ));
     });
-    count
+    (count, reader.records())
 }
 
 /// True for UTF-8 (its last character may be cut) without control characters, except white space and escape.

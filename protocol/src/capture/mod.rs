@@ -90,6 +90,15 @@ pub trait Reader: Debug + Send {
 
     /// Number of records reported.
     fn records(&self) -> u64;
+
+    /// A reader of whole records further on, which counts the records before them as one; `None` if a record of this format
+    /// depends on those before it.
+    fn fork(&self) -> Option<Box<dyn Reader>> {
+        None
+    }
+
+    /// Counts records that a fork has read.
+    fn skip(&mut self, _records: u64) {}
 }
 
 /// A time stamp and its resolution.

@@ -353,13 +353,24 @@ proptest! {
     }
 
     #[test]
-    fn the_fast_way_reads_as_the_slow_way(seconds in 1_000_000_000u64..9_223_372_036, micros in 0u32..1_000_000,
-                                          id in 0u32..0x800, data in any::<u64>()) {
+    fn the_fast_way_reads_as_the_slow_way(seconds in 0u64..9_223_372_036, digits in 0u32..10, micros in 0u32..1_000_000,
+                                          id in 0u32..0x800, data in any::<u64>(), at in 0usize..50, other in any::<u8>()) {
+        let seconds = seconds / 10u64.pow(digits);
         let fast = format!("({seconds}.{micros:06}) can0 {id:03X}#{data:016X}\n");
         let slow = format!("({seconds}.{micros:06}) can0  {id:03X}#{data:016X} R\n");
-        let seen = events(CANDUMP, &format!("(0.5) can0 123#\n{fast}{slow}"));
+        // Lines behind, as the fast way reads only before others.
+        let behind = "# ".repeat(50);
+        let seen = events(CANDUMP, &format!("(0.5) can0 123#\n{fast}{slow}{fast}{behind}"));
         prop_assert_eq!(&seen[1], &seen[2]);
+        prop_assert_eq!(&seen[1], &seen[3]);
         prop_assert_eq!(&seen[1], &frame((seconds * 1_000_000 + u64::from(micros)) as i64 * 1_000, "can0", id, &data.to_be_bytes()));
+        // With one byte changed, which only the slow way reads first.
+        let mut changed = fast.clone().into_bytes();
+        let length = changed.len() - 1;
+        changed[at % length] = if other == b'\n' { b' ' } else { other };
+        let lone = read(CANDUMP, &changed, usize::MAX);
+        let among = read(CANDUMP, &[fast.as_bytes(), &changed, behind.as_bytes()].concat(), usize::MAX);
+        prop_assert_eq!(&lone[0].1, &among[1].1);
     }
 }
 

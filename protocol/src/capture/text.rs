@@ -9,6 +9,9 @@ const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
 
 /// A text format.
 pub trait LineFormat: Debug + Default + Send + 'static {
+    /// True if a line means the same behind any other.
+    const IS_INDEPENDENT: bool = false;
+
     /// Reads a line without its end; `None` if it is broken.
     fn read<'a>(&'a mut self, line: &'a [u8]) -> Option<CaptureRecord<'a>>;
 
@@ -58,6 +61,17 @@ impl<F: LineFormat> Reader for TextReader<F> {
 
     fn records(&self) -> u64 {
         self.lines.number
+    }
+
+    fn fork(&self) -> Option<Box<dyn Reader>> {
+        // A byte order mark is part of the first line only.
+        let lines = Lines { number: 1, is_discarding: false };
+        let is_possible = F::IS_INDEPENDENT && !self.lines.is_discarding;
+        is_possible.then(|| Box::new(TextReader { lines, format: F::default() }) as Box<dyn Reader>)
+    }
+
+    fn skip(&mut self, records: u64) {
+        self.lines.number += records;
     }
 }
 
@@ -140,6 +154,31 @@ pub fn hex_byte(high: u8, low: u8) -> Option<u8> {
     (high | low < 16).then_some(high << 4 | low)
 }
 
+/// Values of a first and of a second digit; above 255 for any other byte, so that `|` checks several at once.
+const PAIR: [[u16; 256]; 2] = {
+    let mut table = [[0xFF00; 256]; 2];
+    let mut digit = 0;
+    while digit < 256 {
+        if HEX[digit] != NO_DIGIT {
+            (table[0][digit], table[1][digit]) = ((HEX[digit] as u16) << 4, HEX[digit] as u16);
+        }
+        digit += 1;
+    }
+    table
+};
+
+/// The bytes of 16 hexadecimal digits.
+#[inline]
+pub fn hex_data(text: &[u8; 16]) -> Option<[u8; 8]> {
+    let (mut data, mut wrong) = ([0; 8], 0);
+    for (byte, pair) in data.iter_mut().zip(text.chunks_exact(2)) {
+        let value = PAIR[0][usize::from(pair[0])] | PAIR[1][usize::from(pair[1])];
+        wrong |= value;
+        *byte = value as u8;
+    }
+    (wrong < 0x100).then_some(data)
+}
+
 /// A number in base 10 or 16, of one to eight digits.
 pub fn number(text: &[u8], base: u32) -> Option<u32> {
     if text.is_empty() || text.len() > 8 {
@@ -189,6 +228,24 @@ pub fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> + Clone {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn hexadecimal_digits_are_read_together_as_alone() {
+        for other in 0..=255u8 {
+            for place in 0..16 {
+                let mut text = *b"0123456789abCDEF";
+                text[place] = other;
+                let mut alone = [0; 8];
+                let is_hex = alone.iter_mut().zip(text.chunks_exact(2)).all(|(byte, pair)| {
+                    hex_byte(pair[0], pair[1]).is_some_and(|value| {
+                        *byte = value;
+                        true
+                    })
+                });
+                assert_eq!(hex_data(&text), is_hex.then_some(alone), "{other} at {place}");
+            }
+        }
+    }
 
     #[test]
     fn seconds_keep_every_digit_up_to_the_nanosecond() {

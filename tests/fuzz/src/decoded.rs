@@ -28,7 +28,7 @@ impl<R> Default for Collected<R> {
     }
 }
 
-/// A row whose numbers can be compared, NaN included.
+/// A row with comparable numbers, NaN included.
 pub trait Row {
     type Own: PartialEq + Debug;
     fn own(&self) -> Self::Own;

@@ -1,4 +1,4 @@
-//! One target of the fuzzer: the one that this program is named after.
+//! The target of the fuzzer that has the name of this program.
 
 #![no_main]
 

@@ -109,18 +109,22 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
 }
 
 /// Decodes the inputs to columns, to text with a header and a writer of rows, or to a summary alone.
-fn decode_to<D: Decode, W: FnMut(&D::Row, &mut Vec<u8>)>(
+fn decode_to<D, W>(
     arguments: &Arguments,
     reader: InputReader<D>,
     columns: impl Columns<Row = D::Row>,
     text: impl FnOnce(TextFormat) -> (String, W),
-) -> Result<(), CommandError> {
+) -> Result<(), CommandError>
+where
+    D: Decode<Row: Clone + Send + 'static>,
+    W: Fn(&D::Row, &mut Vec<u8>) + Send + Sync + 'static,
+{
     match arguments.format.of_rows() {
         RowFormat::None => decode(arguments, reader, NoRows),
         RowFormat::Columns(format) => decode(arguments, reader, arguments.columns(format, columns)),
         RowFormat::Text(format) => {
             let (header, write) = text(format);
-            decode(arguments, reader, TextRows { out: arguments.out.as_ref(), header, write, writer: None })
+            decode(arguments, reader, TextRows::new(arguments.out.as_ref(), header, write))
         }
     }
 }

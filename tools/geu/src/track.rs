@@ -183,7 +183,7 @@ fn track<D: Decode>(
                     write_track(format, track, buffer);
                 }
             };
-            track_to(arguments, reader, push, TextRows { out, header, write, writer: None })
+            track_to(arguments, reader, push, TextRows::new(out, header, write))
         }
     }
 }

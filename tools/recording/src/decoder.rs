@@ -5,7 +5,7 @@ mod serial;
 
 use std::collections::HashMap;
 
-use geu_protocol::can::{Assembler, AssemblerEvent, CanDefect, DefectBytes, Role};
+use geu_protocol::can::{Assembler, AssemblerEvent, CanDefect, DefectBytes, Progress, Role};
 use geu_protocol::capture::{CaptureRecord, Format, Frame, RecordPosition, Timestamp};
 use geu_protocol::command::{COMMAND_LENGTHS, REPLY_LENGTHS};
 use geu_protocol::continuity::ClockCheck;
@@ -114,10 +114,17 @@ impl Decoder {
                     tally.defect(choice.is(index), stamp, CanDefect::WrongLength, concerned, flow, sink);
                 }
             }
-            _ => assembler.push(role, stamp, frame.data, &mut |assembled| {
-                *is_proven |= matches!(assembled, AssemblerEvent::Row(_));
-                tally.assembled(assembled, index, choice, flow, sink);
-            }),
+            _ => match assembler.advance(role, stamp, frame.data) {
+                Progress::Waiting => {}
+                Progress::Row(row) => {
+                    *is_proven = true;
+                    tally.assembled(AssemblerEvent::Row(row), index, choice, flow, sink);
+                }
+                Progress::Irregular => assembler.irregular(role, stamp, frame.data, &mut |assembled| {
+                    *is_proven |= matches!(assembled, AssemblerEvent::Row(_));
+                    tally.assembled(assembled, index, choice, flow, sink);
+                }),
+            },
         }
         if let InterfaceSelection::Before(before) = self.choice
             && self.buses[index].tally.rows.len() >= enough
@@ -205,7 +212,7 @@ impl Decoder {
 
     #[inline]
     fn bus(&mut self, name: &[u8]) -> Option<usize> {
-        if self.buses.get(self.last_bus).is_none_or(|bus| bus.name != name) {
+        if self.buses.get(self.last_bus).is_none_or(|bus| !is_same(&bus.name, name)) {
             self.last_bus = self.find_bus(name)?;
         }
         Some(self.last_bus)
@@ -230,6 +237,16 @@ impl Decoder {
         self.buses.push(Bus { name: name.to_vec(), assembler, tally, is_proven: false });
         Some(index)
     }
+}
+
+/// Equality of names; names of four to eight bytes, as interfaces have, are compared without a loop.
+#[inline]
+fn is_same(name: &[u8], other: &[u8]) -> bool {
+    name.len() == other.len()
+        && match name.len() {
+            4..=8 => name.first_chunk::<4>() == other.first_chunk() && name.last_chunk::<4>() == other.last_chunk(),
+            _ => name == other,
+        }
 }
 
 impl Decode for Decoder {

@@ -2,6 +2,8 @@
 
 mod archives;
 mod decode;
+mod parallel;
+mod records;
 
 use std::io::ErrorKind;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -149,11 +151,7 @@ impl<'a, D: Decode> InputReader<'a, D> {
                 Err(error) if error.kind() == ErrorKind::Interrupted => continue,
                 Err(error) if error.kind() == ErrorKind::WouldBlock => break,
                 Err(source) => {
-                    let name = name.to_owned();
-                    failure = Some(match container {
-                        Some(container) => InputError::Container { name, container, offset, source },
-                        None => InputError::Read { name, offset, source },
-                    });
+                    failure = Some(read_error(name, container, offset, source));
                     break;
                 }
             };
@@ -171,11 +169,24 @@ impl<'a, D: Decode> InputReader<'a, D> {
                 let used = target.consume(&buffer[..filled], &mut self.decoder, sink);
                 buffer.copy_within(used..filled, 0);
                 filled -= used;
-                if let Target::Serial { head, length } = target
-                    && *length >= MAX_WITHOUT_FRAME
-                    && self.decoder.summary().serial_frames == 0
-                {
-                    return Err(no_frame(name, *length, head, self.decoder.expected()));
+                match target {
+                    Target::Serial { head, length }
+                        if *length >= MAX_WITHOUT_FRAME && self.decoder.summary().serial_frames == 0 =>
+                    {
+                        return Err(no_frame(name, *length, head, self.decoder.expected()));
+                    }
+                    // A short input is not worth the threads.
+                    Target::Capture(capture) if !is_live && offset >= CHUNK as u64 => {
+                        let (decoder, stop) = (&mut self.decoder, self.stop);
+                        let ending =
+                            parallel::read(&mut reader, (&mut buffer, &mut filled), capture, decoder, sink, stop);
+                        offset += ending.length;
+                        if let Some(source) = ending.error {
+                            failure = Some(read_error(name, container, offset, source));
+                            break;
+                        }
+                    }
+                    _ => {}
                 }
             }
             // Only after the first row: an input that is refused leaves no header.
@@ -203,7 +214,7 @@ impl<'a, D: Decode> InputReader<'a, D> {
                     }
                     Target::Capture(capture) => {
                         let (name, container) = (name.to_owned(), capture.format);
-                        let cut = capture.cut.take().filter(|_| !is_stopped);
+                        let cut = capture.seen.cut.take().filter(|_| !is_stopped);
                         failure = failure.or(cut.map(|(offset, got)| InputError::Cut { name, container, offset, got }));
                     }
                 }
@@ -221,7 +232,7 @@ impl<'a, D: Decode> InputReader<'a, D> {
     fn target(&mut self, format: &'static Format) -> Target {
         self.decoder.describe(format.name);
         match format.reader() {
-            Some(reader) => Target::Capture(Capture { reader, frames: 0, format: format.name, cut: None }),
+            Some(reader) => Target::Capture(Capture { reader, format: format.name, seen: Seen::default() }),
             None => Target::Serial { head: Vec::new(), length: 0 },
         }
     }
@@ -285,22 +296,40 @@ enum Target {
 
 struct Capture {
     reader: Box<dyn Reader>,
-    frames: u64,
     format: &'static str,
+    seen: Seen,
+}
+
+/// Account of the records of a capture.
+#[derive(Default)]
+struct Seen {
+    frames: u64,
     /// First record of a binary capture that is damaged or cut: its offset and first bytes.
     cut: Option<(u64, String)>,
 }
 
+impl Seen {
+    #[inline]
+    fn event<D: Decode>(
+        &mut self,
+        place: RecordPosition,
+        event: CaptureRecord,
+        decoder: &mut D,
+        sink: &mut impl Sink<D::Row>,
+    ) {
+        if let (RecordPosition::Offset(at), CaptureRecord::Broken { cut: true, bytes }) = (place, event) {
+            self.cut.get_or_insert_with(|| (at, spaced_hex(&bytes[..bytes.len().min(MAX_EXCERPT)])));
+        }
+        self.frames += u64::from(!matches!(event, CaptureRecord::Remark));
+        sink.record(&event);
+        decoder.event(place, event, sink);
+    }
+}
+
 impl Capture {
     fn read<D: Decode>(&mut self, bytes: &[u8], is_last: bool, decoder: &mut D, sink: &mut impl Sink<D::Row>) -> usize {
-        self.reader.read(bytes, is_last, &mut |place, event| {
-            if let (RecordPosition::Offset(at), CaptureRecord::Broken { cut: true, bytes }) = (place, event) {
-                self.cut.get_or_insert_with(|| (at, spaced_hex(&bytes[..bytes.len().min(MAX_EXCERPT)])));
-            }
-            self.frames += u64::from(!matches!(event, CaptureRecord::Remark));
-            sink.record(&event);
-            decoder.event(place, event, sink);
-        })
+        let Capture { reader, seen, .. } = self;
+        reader.read(bytes, is_last, &mut |place, event| seen.event(place, event, decoder, sink))
     }
 }
 
@@ -332,7 +361,7 @@ impl Target {
                 capture.read(bytes, !is_stopped, decoder, sink);
                 let records = capture.reader.records();
                 decoder.count_records(records);
-                (capture.frames == 0).then(|| format!("{records} records, none of them a CAN frame"))
+                (capture.seen.frames == 0).then(|| format!("{records} records without a CAN frame"))
             }
             Target::Serial { length, .. } => {
                 if !bytes.is_empty() {
@@ -342,6 +371,14 @@ impl Target {
                 (*length == 0).then(|| "0 bytes".to_owned())
             }
         }
+    }
+}
+
+fn read_error(name: &str, container: Option<&'static str>, offset: u64, source: std::io::Error) -> InputError {
+    let name = name.to_owned();
+    match container {
+        Some(container) => InputError::Container { name, container, offset, source },
+        None => InputError::Read { name, offset, source },
     }
 }
 

@@ -5,7 +5,7 @@ use std::mem::take;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::SyncSender;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use geu_model::attitude::{Motion, MotionState};
 use geu_model::device::Device;
@@ -15,6 +15,7 @@ use serde_json::{Value, json};
 
 use super::ControlService;
 use super::history::HistorySample;
+use crate::host::Instant;
 use crate::shared_unit::Observer;
 use geu_recorder::UnitEvent;
 use geu_recorder::fault_json;

@@ -4,10 +4,12 @@
 //! queue of that thread.
 
 use std::collections::VecDeque;
-use std::sync::{Mutex, MutexGuard};
+use std::sync::Mutex;
 
 use serde::{Serialize, Serializer};
 use serde_json::{Value, json};
+
+use crate::host::lock;
 
 /// Number of samples kept: ten minutes of on-board time, about 150 kB.
 const KEPT: usize = 1200;
@@ -57,10 +59,6 @@ impl History {
         let samples = lock(&self.0).clone();
         json!(samples)
     }
-}
-
-pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().expect("no holder panics")
 }
 
 #[cfg(test)]

@@ -16,7 +16,6 @@ use std::pin::Pin;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Arc, Mutex, OnceLock};
-use std::thread::{self, JoinHandle};
 
 use geu_model::configuration::fault::{MAX_FAULTS, read_fault_text, read_plan_text};
 use geu_model::device::Device;
@@ -29,11 +28,12 @@ use tokio::sync::broadcast;
 
 use crate::catalogue;
 use crate::control::{self, ControlBackend, SseEvent};
+use crate::host::{self, Thread, lock};
 use crate::recorder_thread::Status;
 use crate::shared_unit::Observer;
 use events::{COMMAND, EventPublisher, ServiceEvent};
 use geu_recorder::fault_json;
-use history::{History, lock};
+use history::History;
 pub(crate) use status::StatusSource;
 
 /// Capacity of the queue to the publisher thread; events beyond it are lost and counted.
@@ -75,7 +75,7 @@ impl Timeline {
 }
 
 /// The service, the observer of the unit that feeds it, and the publisher thread.
-pub type Started = (Arc<ControlService>, Box<dyn Observer>, JoinHandle<()>);
+pub type Started = (Arc<ControlService>, Box<dyn Observer>, Thread<()>);
 
 impl ControlService {
     /// Starts a service; its publisher thread ends with the observer.
@@ -94,8 +94,7 @@ impl ControlService {
             source: OnceLock::new(),
         });
         let (publisher, own) = (service.clone(), device.clone());
-        let thread =
-            thread::Builder::new().name("geu-bench".to_owned()).spawn(move || publisher.publish(&own, &events))?;
+        let thread = Thread::spawn("geu-bench", move || publisher.publish(&own, &events))?;
         Ok((service.clone(), Box::new(EventPublisher::new(sender, service, device.clone())), thread))
     }
 
@@ -147,7 +146,7 @@ impl ControlService {
 
     /// Publishes events until the observer is dropped.
     fn publish(&self, device: &Device, events: &Receiver<ServiceEvent>) {
-        for event in events {
+        while let Some(event) = host::receive(events) {
             let (name, data) = match event {
                 ServiceEvent::Sample(sample) => {
                     let Some(source) = self.source.get() else { continue };

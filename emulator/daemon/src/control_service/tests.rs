@@ -1,5 +1,6 @@
 //! The control service without HTTP: the test ends the samples of the unit.
 
+use std::thread;
 use std::time::{Duration, Instant};
 
 use geu_model::configuration::fault::MAX_RUN_FAULTS;

@@ -22,6 +22,9 @@ pub enum LinkAddress {
     Can(CanAddress),
     /// Serial bytes to every client of an address.
     Tcp(TcpAddress),
+    /// A link of a simulated host.
+    #[cfg(test)]
+    Simulated(crate::simulation::chaos::SimulatedLink),
 }
 
 impl LinkAddress {
@@ -32,6 +35,8 @@ impl LinkAddress {
             LinkAddress::Serial(_) => Transport::Serial,
             LinkAddress::Can(_) => Transport::Can,
             LinkAddress::Tcp(_) => Transport::Tcp,
+            #[cfg(test)]
+            LinkAddress::Simulated(link) => link.kind(),
         }
     }
 
@@ -41,6 +46,8 @@ impl LinkAddress {
             LinkAddress::Serial(address) => (address.baud, None),
             LinkAddress::Can(address) => (None, Some(address.plan)),
             LinkAddress::Pty(_) | LinkAddress::Tcp(_) => (None, None),
+            #[cfg(test)]
+            LinkAddress::Simulated(_) => (None, None),
         };
         LinkModel::of_unit(device, self.kind(), baud, plan)
     }

@@ -4,7 +4,7 @@ use std::convert::Infallible;
 use std::io;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, Mutex, MutexGuard};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use nix::errno::Errno;
 use nix::ifaddrs::getifaddrs;
@@ -16,10 +16,11 @@ use tokio::task::yield_now;
 
 use super::address::CanAddress;
 use super::error::LinkError;
-use super::interface::{Link, LinkInfo, MAX_WAITING_REPLIES, Watched, reopen, retry, until_due};
+use super::interface::{Link, LinkInfo, MAX_WAITING_REPLIES, reopen, retry, until_due};
+use super::port::Watched;
 use super::statistics::Sending;
-use crate::cadence::now_ns;
 use crate::console;
+use crate::host::{self, Instant, now_ns};
 use crate::patience::Patience;
 use crate::shared_unit::SharedUnit;
 use geu_recorder::link_model::{LinkModel, TransmitQueue, WireData};
@@ -86,7 +87,7 @@ pub(super) fn open(
         info: LinkInfo::new(model, name),
     });
     let is_up = is_up(&address.interface);
-    tokio::spawn(serve(is_up.then_some(socket), failed, bus.clone(), unit.clone()));
+    host::spawn(serve(is_up.then_some(socket), failed, bus.clone(), unit.clone()));
     Ok(Can { bus, is_up, is_full: false })
 }
 
@@ -130,11 +131,11 @@ fn to_socket(content: &WireData) -> Option<socketcan::CanFrame> {
 
 impl Bus {
     fn socket(&self) -> MutexGuard<'_, Option<Arc<CanSocket>>> {
-        self.socket.lock().expect("no panic while locked")
+        host::lock(&self.socket)
     }
 
     fn answers(&self) -> MutexGuard<'_, TransmitQueue> {
-        self.answers.lock().expect("no panic while locked")
+        host::lock(&self.answers)
     }
 
     /// Opens a socket if the interface is up.
@@ -163,7 +164,7 @@ impl Bus {
         data.iter().filter_map(to_socket).all(|frame| {
             loop {
                 match self.try_write(socket, &frame) {
-                    Written::Full if !is_over() => std::thread::sleep(POLL_INTERVAL),
+                    Written::Full if !is_over() => host::sleep_thread(POLL_INTERVAL),
                     written => return matches!(written, Written::Sent),
                 }
             }
@@ -174,7 +175,7 @@ impl Bus {
     async fn write_later(&self, socket: &CanSocket, frame: &socketcan::CanFrame, give_up: Instant) -> bool {
         loop {
             match self.try_write(socket, frame) {
-                Written::Full if Instant::now() < give_up => tokio::time::sleep(POLL_INTERVAL).await,
+                Written::Full if Instant::now() < give_up => host::sleep(POLL_INTERVAL).await,
                 written => return matches!(written, Written::Sent),
             }
         }
@@ -223,6 +224,7 @@ async fn serve(socket: Option<CanSocket>, mut failed: UnboundedReceiver<Errno>, 
         while failed.try_recv().is_ok() {}
         *bus.socket() = Some(shared.clone());
         let reason = tokio::select! {
+            biased;
             error = receive(shared.clone(), &bus, &unit) => error.to_string(),
             errno = failed.recv() => errno.unwrap_or(Errno::EIO).desc().to_owned(),
             never = bus.answer_later(&shared) => match never {},

@@ -1,19 +1,14 @@
 //! The interface of a link to the cadence thread, and common parts of links.
 
 use std::fmt::Display;
-use std::io;
-use std::ops::Deref;
-use std::os::fd::{AsFd, AsRawFd, RawFd};
 use std::sync::Arc;
 use std::time::Duration;
 
-use tokio::io::unix::AsyncFd;
 use tokio::sync::Notify;
-use tokio::time::timeout;
 
 use super::statistics::LinkStatistics;
-use crate::cadence::now_ns;
 use crate::console;
+use crate::host::{self, now_ns};
 use crate::patience::Patience;
 use geu_recorder::link_model::{LinkModel, WireData};
 
@@ -62,7 +57,7 @@ pub(super) async fn reopen<T>(name: &str, reason: impl Display, open: impl Fn() 
 /// Opens a device as soon as that is possible.
 pub(super) async fn retry<T>(open: impl Fn() -> Option<T>) -> T {
     loop {
-        tokio::time::sleep(RETRY_INTERVAL).await;
+        host::sleep(RETRY_INTERVAL).await;
         if let Some(opened) = open() {
             return opened;
         }
@@ -75,31 +70,7 @@ pub(super) async fn until_due(later: &Notify, next_ns: Option<i64>) {
         None => later.notified().await,
         Some(due_ns) => {
             let wait_ns = (due_ns - now_ns()).max(0) as u64;
-            let _ = timeout(Duration::from_nanos(wait_ns), later.notified()).await;
+            let _ = host::timeout(Duration::from_nanos(wait_ns), later.notified()).await;
         }
-    }
-}
-
-/// A descriptor that the runtime watches.
-pub(super) struct Watched<T>(T);
-
-impl<T: AsFd> Watched<T> {
-    pub fn new(owner: T) -> io::Result<AsyncFd<Watched<T>>> {
-        // SAFETY: the owner keeps its descriptor open, and the same, during the registration.
-        Ok(unsafe { AsyncFd::register(Watched(owner)) }?)
-    }
-}
-
-impl<T: AsFd> AsRawFd for Watched<T> {
-    fn as_raw_fd(&self) -> RawFd {
-        self.0.as_fd().as_raw_fd()
-    }
-}
-
-impl<T> Deref for Watched<T> {
-    type Target = T;
-
-    fn deref(&self) -> &T {
-        &self.0
     }
 }

@@ -11,6 +11,7 @@ mod address;
 pub mod can;
 mod error;
 mod interface;
+pub(crate) mod port;
 pub mod pty;
 mod receive;
 mod send_buffer;
@@ -29,6 +30,8 @@ pub(crate) use interface::Link;
 #[cfg(test)]
 pub(crate) use interface::LinkInfo;
 pub use statistics::LinkStatistics;
+#[cfg(test)]
+pub(crate) use stream_sender::StreamLink;
 pub use tcp::TcpAddress;
 
 /// Opens a link and starts its tasks on the runtime.
@@ -42,5 +45,7 @@ pub(crate) fn open(address: &LinkAddress, unit: &Arc<SharedUnit>, speedup: f64) 
         LinkAddress::Serial(address) => Box::new(serial::open(address, model, unit)?),
         LinkAddress::Can(address) => Box::new(can::open(address, model, unit)?),
         LinkAddress::Tcp(address) => Box::new(tcp::open(address, model, unit, speedup > 1.0)?),
+        #[cfg(test)]
+        LinkAddress::Simulated(link) => Box::new(link.open(model, unit, speedup)),
     })
 }

@@ -10,8 +10,9 @@
 mod symlink;
 
 use std::convert::Infallible;
+use std::future::Future;
 use std::io;
-use std::os::fd::{AsFd, OwnedFd};
+use std::os::fd::OwnedFd;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
@@ -19,7 +20,7 @@ use std::sync::atomic::Ordering::Relaxed;
 use geu_protocol::serial::{BITS_PER_BYTE, DEFAULT_BAUD};
 use nix::errno::Errno;
 use nix::fcntl::{FcntlArg, FdFlag, OFlag, fcntl, open as open_file};
-use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+use nix::poll::PollFlags;
 use nix::pty::openpty;
 use nix::sys::inotify::{AddWatchFlags, InitFlags, Inotify};
 use nix::sys::stat::{Mode, fchmod};
@@ -30,12 +31,13 @@ use tokio::task::yield_now;
 
 use super::address::PtyAddress;
 use super::error::LinkError;
-use super::interface::{LinkInfo, RETRY_INTERVAL, Watched};
+use super::interface::{LinkInfo, RETRY_INTERVAL};
+use super::port::{Port, Watched, WatchedPort};
 use super::receive::{CommandServer, Receiver};
-use super::send_buffer::Port;
 use super::statistics::Sending;
-use super::stream_sender::{Senders, StreamLink, StreamSender};
+use super::stream_sender::{CountUnread, Senders, StreamLink, StreamSender};
 use crate::console;
+use crate::host;
 use crate::shared_unit::SharedUnit;
 use geu_recorder::link_model::LinkModel;
 use symlink::Symlink;
@@ -47,24 +49,71 @@ nix::ioctl_read_bad!(
     nix::libc::c_int
 );
 
-/// The master, and the slave that clients open.
-struct Terminal {
-    master: Port,
-    slave: Slave,
+/// A pty in the kernel.
+pub(crate) trait Terminal: Send + Sync + 'static {
+    /// The side of the unit.
+    fn master(&self) -> &Port;
+    /// Discards unread data and the settings of the last client; replaces a pty that it left locked.
+    fn reset(&mut self) -> io::Result<()>;
+    /// Waits until a client has opened it.
+    fn opened(&self) -> impl Future<Output = io::Result<()>> + Send;
 }
 
-impl Terminal {
-    fn new(group: Option<Gid>) -> nix::Result<Terminal> {
-        let pair = openpty(None, None)?;
-        make_raw(&pair.slave)?;
-        if group.is_some() {
-            fchown(&pair.slave, None, group)?;
-            fchmod(&pair.slave, Mode::S_IRUSR | Mode::S_IWUSR | Mode::S_IRGRP | Mode::S_IWGRP)?;
-        }
-        fcntl(&pair.master, FcntlArg::F_SETFL(OFlag::O_NONBLOCK))?;
-        fcntl(&pair.master, FcntlArg::F_SETFD(FdFlag::FD_CLOEXEC))?;
-        Ok(Terminal { slave: Slave(ttyname(&pair.slave)?), master: Arc::new(pair.master) })
+/// The master, and the slave that clients open, under its symlink.
+struct DeviceTerminal {
+    master: Port,
+    slave: Slave,
+    symlink: Arc<Symlink>,
+    group: Option<Gid>,
+    inotify: AsyncFd<Watched<Inotify>>,
+}
+
+/// Opens a pty: its master and its slave.
+fn open_pair(group: Option<Gid>) -> nix::Result<(Port, Slave)> {
+    let pair = openpty(None, None)?;
+    make_raw(&pair.slave)?;
+    group.map(|group| fchown(&pair.slave, None, Some(group))).transpose()?;
+    // The mode of the system, often 620, lets the group tty write.
+    let group_mode = group.map_or(Mode::empty(), |_| Mode::S_IRGRP | Mode::S_IWGRP);
+    fchmod(&pair.slave, Mode::S_IRUSR | Mode::S_IWUSR | group_mode)?;
+    fcntl(&pair.master, FcntlArg::F_SETFL(OFlag::O_NONBLOCK))?;
+    fcntl(&pair.master, FcntlArg::F_SETFD(FdFlag::FD_CLOEXEC))?;
+    let slave = Slave(ttyname(&pair.slave)?);
+    Ok((Port::new(pair.master), slave))
+}
+
+impl Terminal for DeviceTerminal {
+    fn master(&self) -> &Port {
+        &self.master
     }
+
+    fn reset(&mut self) -> io::Result<()> {
+        match self.slave.reset() {
+            Err(Errno::EBUSY) => {
+                // In this order: a failed change of the symlink is tried again.
+                let (master, slave) = open_pair(self.group)?;
+                self.symlink.lead_to(&slave.0)?;
+                (self.master, self.slave) = (master, slave);
+            }
+            result => result?,
+        }
+        Ok(())
+    }
+
+    async fn opened(&self) -> io::Result<()> {
+        let watch = self.inotify.get_ref().add_watch(&self.slave.0, AddWatchFlags::IN_OPEN)?;
+        while is_hung_up(&self.master) {
+            let mut guard = self.inotify.readable().await?;
+            // Any event is a reason to check the state of the master.
+            let _ = guard.try_io(|inotify| Ok(inotify.get_ref().read_events()?));
+        }
+        Ok(self.inotify.get_ref().rm_watch(watch)?)
+    }
+}
+
+/// True while no client has the slave open; a client that has closed it again may have sent commands.
+fn is_hung_up(master: &Port) -> bool {
+    master.state() == PollFlags::POLLHUP
 }
 
 /// Path of the slave.
@@ -101,15 +150,6 @@ fn make_raw(slave: &OwnedFd) -> nix::Result<()> {
     tcsetattr(slave, SetArg::TCSANOW, &termios)
 }
 
-/// State of the master in the kernel: hung up while no client has the slave open, with input if one has written.
-fn state(master: impl AsFd) -> PollFlags {
-    let mut polled = [PollFd::new(master.as_fd(), PollFlags::POLLIN)];
-    match poll(&mut polled, PollTimeout::ZERO) {
-        Ok(_) => polled[0].revents().unwrap_or(PollFlags::empty()),
-        Err(_) => PollFlags::empty(),
-    }
-}
-
 /// Opens a pty, puts a symlink to it at the path of the address, and serves it.
 pub(super) fn open(
     address: &PtyAddress,
@@ -122,35 +162,43 @@ pub(super) fn open(
         (Errno::EPERM, Some(_)) => LinkError::PtyGroup(error.into()),
         _ => LinkError::Pty(path.display().to_string(), error.into()),
     };
-    let terminal = Terminal::new(*group).map_err(fail)?;
-    let symlink = Arc::new(Symlink::create(path, &terminal.slave.0)?);
-
-    let info = LinkInfo::new(model, format!("pty {}", path.display()));
-    let byte_ns =
-        f64::from(BITS_PER_BYTE) * 1e9 / f64::from(info.model.encoding.baud().unwrap_or(DEFAULT_BAUD)) / speedup;
+    let (master, slave) = open_pair(*group).map_err(fail)?;
+    let symlink = Arc::new(Symlink::create(path, &slave.0)?);
     let own_symlink = symlink.clone();
     let count_unread = move || Slave(own_symlink.target()).count_unread();
-    let sender = StreamSender::new(None, byte_ns, &info, Some(Box::new(count_unread)));
     let inotify = Inotify::init(InitFlags::IN_NONBLOCK | InitFlags::IN_CLOEXEC).map_err(fail)?;
     let inotify = Watched::new(inotify).map_err(|error| LinkError::Pty(path.display().to_string(), error))?;
-    let commands = CommandServer { unit: unit.clone(), info: info.clone() };
+    let terminal = DeviceTerminal { master, slave, symlink, group: *group, inotify };
+    Ok(start(terminal, format!("pty {}", path.display()), model, unit, speedup, Box::new(count_unread)))
+}
+
+/// Serves a pty.
+pub(crate) fn start(
+    terminal: impl Terminal,
+    name: String,
+    model: LinkModel,
+    unit: &Arc<SharedUnit>,
+    speedup: f64,
+    count_unread: CountUnread,
+) -> StreamLink {
+    let info = LinkInfo::new(model, name);
+    let byte_ns =
+        f64::from(BITS_PER_BYTE) * 1e9 / f64::from(info.model.encoding.baud().unwrap_or(DEFAULT_BAUD)) / speedup;
+    let sender = StreamSender::new(None, byte_ns, &info, Some(count_unread));
     let senders = Senders::one(&sender);
-    let server = Server { inotify, sender, symlink, group: *group, commands };
-    tokio::spawn(async move { server.serve(terminal).await });
-    Ok(StreamLink { info, senders, without_client: Sending::Unread })
+    let server = Server { sender, commands: CommandServer { unit: unit.clone(), info: info.clone() } };
+    host::spawn(async move { match server.serve(terminal).await {} });
+    StreamLink { info, senders, without_client: Sending::Unread }
 }
 
 struct Server {
-    inotify: AsyncFd<Watched<Inotify>>,
     sender: Arc<StreamSender>,
-    symlink: Arc<Symlink>,
-    group: Option<Gid>,
     commands: CommandServer,
 }
 
 impl Server {
     /// Serves one client after the other.
-    async fn serve(&self, mut terminal: Terminal) -> Infallible {
+    async fn serve(&self, mut terminal: impl Terminal) -> Infallible {
         let statistics = &self.commands.info.statistics;
         let mut is_failing = false;
         loop {
@@ -162,46 +210,51 @@ impl Server {
                 if !was_failing {
                     console::say(format_args!("{}: {error}; the unit keeps time and tries again", statistics.name));
                 }
-                tokio::time::sleep(RETRY_INTERVAL).await;
+                host::sleep(RETRY_INTERVAL).await;
             }
         }
     }
 
     /// Waits for a client and serves it until it is gone.
-    async fn serve_one(&self, terminal: &mut Terminal) -> io::Result<()> {
-        match terminal.slave.reset() {
-            Err(Errno::EBUSY) => {
-                // In this order: a failed change of the symlink is tried again.
-                let fresh = Terminal::new(self.group)?;
-                self.symlink.lead_to(&fresh.slave.0)?;
-                *terminal = fresh;
-            }
-            result => result?,
-        }
-        let Terminal { master, slave } = terminal;
-        let watch = self.inotify.get_ref().add_watch(&slave.0, AddWatchFlags::IN_OPEN)?;
-        // A client that has closed again may have sent commands.
-        while state(&*master) == PollFlags::POLLHUP {
-            let mut guard = self.inotify.readable().await?;
-            // Any event is a reason to check the state of the master.
-            let _ = guard.try_io(|inotify| Ok(inotify.get_ref().read_events()?));
-        }
-        self.inotify.get_ref().rm_watch(watch)?;
+    async fn serve_one(&self, terminal: &mut impl Terminal) -> io::Result<()> {
+        terminal.reset()?;
+        terminal.opened().await?;
+        let master = terminal.master();
         self.sender.open(master.clone());
         self.commands.info.statistics.clients.store(1, Relaxed);
         let mut receiver = Receiver::default();
         loop {
-            let port = Watched::new(master.clone())?;
+            let port = WatchedPort::new(master.clone())?;
             tokio::select! {
+                biased;
                 // The end of one client, perhaps with unread bytes; another may be attached already.
                 _ = self.commands.serve(&port, &self.sender, &mut receiver, &self.commands.info.statistics.name) => {}
                 _ = self.sender.pump(&port) => {}
             }
-            if state(&*master) == PollFlags::POLLHUP {
+            if is_hung_up(master) {
                 self.commands.end(&mut receiver);
                 return Ok(());
             }
             yield_now().await;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::os::unix::fs::PermissionsExt;
+
+    use nix::unistd::getegid;
+
+    use super::*;
+
+    #[test]
+    fn a_pty_is_open_to_its_user_alone_unless_a_group_is_named() {
+        for (group, mode) in [(None, 0o600), (Some(getegid()), 0o660)] {
+            let (_master, slave) = open_pair(group).expect("a pty");
+            let found = fs::metadata(&slave.0).expect("its slave").permissions().mode();
+            assert_eq!(found & 0o777, mode, "{group:?}");
         }
     }
 }

@@ -8,14 +8,12 @@ use std::time::Duration;
 
 use bytes::{Buf, BytesMut};
 use geu_protocol::serial::{Deframer, DeframerEvent, FrameType};
-use nix::unistd;
-use tokio::io::unix::AsyncFd;
 use tokio::task::yield_now;
-use tokio::time::timeout;
 
-use super::interface::{LinkInfo, Watched};
-use super::send_buffer::Port;
+use super::interface::LinkInfo;
+use super::port::WatchedPort;
 use super::stream_sender::StreamSender;
+use crate::host;
 use crate::shared_unit::SharedUnit;
 
 /// After this time without a byte, a valid frame inside the apparent start of another is accepted.
@@ -108,7 +106,7 @@ impl Receiver {
 
 /// Answers the commands that come over a link.
 #[derive(Clone)]
-pub(super) struct CommandServer {
+pub(crate) struct CommandServer {
     pub unit: Arc<SharedUnit>,
     pub info: LinkInfo,
 }
@@ -120,7 +118,7 @@ impl CommandServer {
     /// An error of the device; [`io::ErrorKind::InvalidData`] from a client with another protocol.
     pub async fn serve(
         &self,
-        port: &AsyncFd<Watched<Port>>,
+        port: &WatchedPort,
         sender: &StreamSender,
         receiver: &mut Receiver,
         link: &str,
@@ -128,19 +126,22 @@ impl CommandServer {
         let (mut bytes, mut can_pause) = ([0; 512], false);
         let mut commands: Vec<Vec<u8>> = Vec::new();
         loop {
-            let read =
-                if can_pause { timeout(PAUSE, read(port, &mut bytes)).await } else { Ok(read(port, &mut bytes).await) };
+            let read = if can_pause {
+                host::timeout(PAUSE, port.read(&mut bytes)).await
+            } else {
+                Some(port.read(&mut bytes).await)
+            };
             let mut found = |payload: &[u8]| commands.push(payload.to_vec());
             match read {
-                Ok(Ok(0)) => return Ok(()),
-                Ok(Ok(length)) => {
+                Some(Ok(0)) => return Ok(()),
+                Some(Ok(length)) => {
                     let admitted = receiver.admit(&bytes[..length])?;
                     receiver.push(&admitted, &mut found);
                 }
-                Ok(Err(error)) => return Err(error),
-                Err(_) => receiver.pause(&mut found),
+                Some(Err(error)) => return Err(error),
+                None => receiver.pause(&mut found),
             }
-            can_pause = read.is_ok() && !receiver.partial.is_empty();
+            can_pause = read.is_some() && !receiver.partial.is_empty();
             self.reject(std::mem::take(&mut receiver.rejected));
             for (index, payload) in commands.drain(..).enumerate() {
                 if index % TURN == TURN - 1 {
@@ -162,20 +163,6 @@ impl CommandServer {
 
     fn reject(&self, frames: u64) {
         self.unit.rejected.fetch_add(frames, Relaxed);
-    }
-}
-
-/// Reads available bytes, and waits for the first; 0 at the end of the stream, or after a hang-up.
-async fn read(port: &AsyncFd<Watched<Port>>, bytes: &mut [u8]) -> io::Result<usize> {
-    loop {
-        let mut guard = port.readable().await?;
-        let hung_up = guard.ready().is_read_closed();
-        match guard.try_io(|port| Ok(unistd::read(&**port.get_ref(), bytes)?)) {
-            Ok(result) => return result,
-            // A pty that was reopened at once: the hang-up stays in the readiness until a new one.
-            Err(_) if hung_up => return Ok(0),
-            Err(_) => {}
-        }
     }
 }
 

@@ -1,17 +1,16 @@
 //! Data that waits to be sent over one byte stream, frame by frame.
 
 use std::collections::VecDeque;
-use std::os::fd::OwnedFd;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 
 use geu_protocol::serial::MAX_FRAME;
 use nix::errno::Errno;
-use nix::unistd;
 
 use super::interface::LinkInfo;
+use super::port::Port;
 use super::statistics::{LinkStatistics, Sending};
-use crate::cadence::now_ns;
+use crate::host::now_ns;
 use geu_recorder::link_model::{TransmitQueue, WireData};
 
 /// Maximum number of waiting bytes of replies: beyond, no commands are read for a while, then replies are dropped.
@@ -20,9 +19,6 @@ const REPLY_CAPACITY: usize = 512;
 const MAX_RESPONSE: usize = 2 * MAX_FRAME;
 /// Line time of one write to a paced line, ns.
 const CHUNK_NS: i64 = 1_000_000;
-
-/// A descriptor to which both threads write.
-pub(super) type Port = Arc<OwnedFd>;
 
 /// Data that waits to be sent over a byte stream.
 #[derive(Default)]
@@ -99,7 +95,7 @@ impl SendBuffer {
                     return Next::Line(self.free_ns);
                 }
             }
-            match unistd::write(port, &self.pending[..length]) {
+            match port.write(&self.pending[..length]) {
                 Ok(written) => {
                     self.drop_front(written);
                     self.free_ns += (written as f64 * self.byte_ns) as i64;
@@ -158,6 +154,12 @@ impl SendBuffer {
     /// Bytes that wait for the end of a frame of the other thread.
     fn waiting(&self, is_reply: bool) -> usize {
         self.waiting.iter().filter(|it| it.is_reply == is_reply).map(|it| it.bytes.len()).sum()
+    }
+
+    /// Bytes and delayed replies that wait.
+    #[cfg(test)]
+    pub fn count_waiting(&self) -> usize {
+        self.pending.len() + self.waiting(false) + self.waiting(true) + self.answers.message_count()
     }
 
     /// True if a sample can be appended. A sample that a fault made longer needs the capacity of one frame;

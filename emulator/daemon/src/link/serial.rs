@@ -4,16 +4,16 @@ use std::io;
 use std::os::fd::AsFd;
 use std::sync::Arc;
 
-use tokio::time::timeout;
 use tokio_serial::{DataBits, Parity, SerialStream, StopBits};
 
 use super::address::SerialAddress;
 use super::error::LinkError;
-use super::interface::{LinkInfo, Watched, reopen};
+use super::interface::{LinkInfo, reopen};
+use super::port::{Port, WatchedPort};
 use super::receive::{CommandServer, Receiver, UNHEARD_TIMEOUT};
-use super::send_buffer::Port;
 use super::statistics::Sending;
 use super::stream_sender::{Senders, StreamLink, StreamSender};
+use crate::host;
 use crate::shared_unit::SharedUnit;
 use geu_protocol::serial::DEFAULT_BAUD;
 use geu_recorder::link_model::LinkModel;
@@ -27,7 +27,7 @@ impl SerialAddress {
         let stream = SerialStream::open(&builder)?;
         // SAFETY: the descriptor belongs to `stream`, which is alive during the call that duplicates it.
         let borrowed = unsafe { std::os::fd::BorrowedFd::borrow_raw(std::os::fd::AsRawFd::as_raw_fd(&stream)) };
-        let port = Arc::new(borrowed.as_fd().try_clone_to_owned()?);
+        let port = Port::new(borrowed.as_fd().try_clone_to_owned()?);
         Ok((stream, port))
     }
 }
@@ -40,7 +40,7 @@ pub(super) fn open(address: &SerialAddress, model: LinkModel, unit: &Arc<SharedU
     let sender = StreamSender::new(None, 0.0, &info, None);
     let commands = CommandServer { unit: unit.clone(), info: info.clone() };
     let senders = Senders::one(&sender);
-    tokio::spawn(serve(opened, address.clone(), sender, commands));
+    host::spawn(serve(opened, address.clone(), sender, commands));
     Ok(StreamLink { info, senders, without_client: Sending::Dropped })
 }
 
@@ -61,16 +61,17 @@ async fn serve(
 }
 
 async fn session(port: &Port, sender: &StreamSender, commands: &CommandServer) -> io::Result<()> {
-    let port = Watched::new(port.clone())?;
+    let port = WatchedPort::new(port.clone())?;
     let mut receiver = Receiver::default();
     let end = {
         let heard = commands.serve(&port, sender, &mut receiver, &commands.info.statistics.name);
         tokio::pin!(heard);
         tokio::select! {
+            biased;
             end = &mut heard => end,
             end = sender.pump(&port) => {
                 sender.close();
-                let _ = timeout(UNHEARD_TIMEOUT, heard).await;
+                let _ = host::timeout(UNHEARD_TIMEOUT, heard).await;
                 end
             }
         }

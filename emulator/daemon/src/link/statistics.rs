@@ -59,7 +59,7 @@ impl fmt::Display for LinkStatistics {
 
 /// Outcome of a send.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Sending {
+pub(crate) enum Sending {
     Sent,
     Dropped,
     /// No client is attached.

@@ -8,17 +8,15 @@ use std::convert::Infallible;
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard};
-use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use tokio::io::unix::AsyncFd;
 use tokio::sync::Notify;
-use tokio::time::timeout;
 
-use super::interface::{Link, LinkInfo, MAX_WAITING_REPLIES, Watched, until_due};
-use super::send_buffer::{Next, Port, SendBuffer};
+use super::interface::{Link, LinkInfo, MAX_WAITING_REPLIES, until_due};
+use super::port::{Port, WatchedPort};
+use super::send_buffer::{Next, SendBuffer};
 use super::statistics::{LinkStatistics, Sending};
-use crate::cadence::now_ns;
+use crate::host::{self, Instant, now_ns};
 use crate::patience::Patience;
 use geu_recorder::link_model::{Transmission, WireData};
 
@@ -31,16 +29,29 @@ const POLL_INTERVAL: Duration = Duration::from_micros(100);
 const MAX_UNREAD: u64 = 4095;
 
 /// A link of byte streams, with a sender for each client.
-pub(super) struct StreamLink {
+pub(crate) struct StreamLink {
     pub info: LinkInfo,
     pub senders: Senders,
     /// Outcome of a sample without a client.
     pub without_client: Sending,
 }
 
+#[cfg(test)]
+impl StreamLink {
+    /// Counts the bytes and replies that wait for a client, the maximum of all clients; 0 while a thread has one of its locks.
+    pub fn count_waiting(&self) -> Box<dyn Fn() -> usize + Send + Sync> {
+        let senders = self.senders.clone();
+        Box::new(move || {
+            let Ok(senders) = senders.0.try_lock() else { return 0 };
+            let waiting = senders.iter().filter_map(|sender| Some(sender.state.try_lock().ok()?.count_waiting()));
+            waiting.max().unwrap_or(0)
+        })
+    }
+}
+
 /// The senders of a link.
 #[derive(Clone, Default)]
-pub(super) struct Senders(Arc<Mutex<Vec<Arc<StreamSender>>>>);
+pub(crate) struct Senders(Arc<Mutex<Vec<Arc<StreamSender>>>>);
 
 impl Senders {
     pub fn one(sender: &Arc<StreamSender>) -> Senders {
@@ -48,7 +59,7 @@ impl Senders {
     }
 
     pub fn lock(&self) -> MutexGuard<'_, Vec<Arc<StreamSender>>> {
-        self.0.lock().expect("no panic while locked")
+        host::lock(&self.0)
     }
 }
 
@@ -80,10 +91,10 @@ impl Link for StreamLink {
 }
 
 /// Returns the number of bytes that a client has not read, where the kernel reports it.
-type CountUnread = Box<dyn Fn() -> u64 + Send + Sync>;
+pub(crate) type CountUnread = Box<dyn Fn() -> u64 + Send + Sync>;
 
 /// The sending side of one byte stream.
-pub(super) struct StreamSender {
+pub(crate) struct StreamSender {
     state: Mutex<SendBuffer>,
     /// Bytes wait for the pump, or the port was closed.
     wake: Notify,
@@ -120,7 +131,7 @@ impl StreamSender {
     }
 
     fn lock(&self) -> MutexGuard<'_, SendBuffer> {
-        self.state.lock().expect("no panic while locked")
+        host::lock(&self.state)
     }
 
     /// A client is attached.
@@ -195,7 +206,7 @@ impl StreamSender {
                 return state.drop_data(more_fragments);
             }
             drop(state);
-            thread::sleep(POLL_INTERVAL);
+            host::sleep_thread(POLL_INTERVAL);
         }
     }
 
@@ -219,7 +230,7 @@ impl StreamSender {
                 }
                 state.written
             };
-            let is_over = timeout(UNREAD_TIMEOUT, self.left.notified()).await.is_err();
+            let is_over = host::timeout(UNREAD_TIMEOUT, self.left.notified()).await.is_none();
             let mut state = self.lock();
             state.drops_replies = is_over && state.written == written;
         }
@@ -277,33 +288,34 @@ impl StreamSender {
     }
 
     /// Writes waiting data as the line rate and the reader permit, and replies at their time, until the port is closed.
-    pub async fn pump(&self, port: &AsyncFd<Watched<Port>>) -> io::Result<()> {
+    pub async fn pump(&self, port: &WatchedPort) -> io::Result<()> {
         tokio::select! {
+            biased;
             end = self.write_on(port) => end,
             never = self.answer_later() => match never {},
         }
     }
 
-    async fn write_on(&self, port: &AsyncFd<Watched<Port>>) -> io::Result<()> {
+    async fn write_on(&self, port: &WatchedPort) -> io::Result<()> {
         loop {
             match self.write() {
                 Next::Bytes => self.wake.notified().await,
                 Next::Line(free_ns) => {
                     let wait_ns = (free_ns - now_ns()).max(0) as u64;
-                    tokio::time::sleep(Duration::from_nanos(wait_ns)).await;
+                    host::sleep(Duration::from_nanos(wait_ns)).await;
                 }
                 Next::Capacity => {
                     let mut guard = port.writable().await?;
                     // Readiness may be outdated: after it is cleared, a writable port reports it again.
-                    let is_hung_up = guard.ready().is_write_closed();
-                    guard.clear_ready();
+                    let is_hung_up = guard.is_hung_up();
+                    guard.clear();
                     if matches!(self.write(), Next::Capacity) {
                         // The readiness of a port that is hung up stays, and it never accepts data. Data from its client may
                         // still be read.
                         if is_hung_up {
                             self.lock().discard();
                         } else {
-                            port.writable().await?.retain_ready();
+                            port.writable().await?.retain();
                         }
                     }
                 }

@@ -5,22 +5,22 @@ use std::net::{IpAddr, SocketAddr, ToSocketAddrs};
 use std::os::fd::{AsFd, AsRawFd, OwnedFd};
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use ipnet::IpNet;
-use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+use nix::poll::PollFlags;
 use nix::sys::socket::{setsockopt, sockopt};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::time::timeout;
 
 use super::error::LinkError;
-use super::interface::{LinkInfo, Watched};
+use super::interface::LinkInfo;
+use super::port::{Port, WatchedPort};
 use super::receive::{CommandServer, Receiver, UNHEARD_TIMEOUT};
-use super::send_buffer::Port;
-use super::statistics::Sending;
+use super::statistics::{LinkStatistics, Sending};
 use super::stream_sender::{Senders, StreamLink, StreamSender};
 use crate::console;
 use crate::descriptors;
+use crate::host::{self, Instant};
 use crate::shared_unit::SharedUnit;
 use geu_recorder::link_model::LinkModel;
 
@@ -80,44 +80,46 @@ pub(super) fn open(
     listener.set_nonblocking(true).map_err(fail)?;
     let listener = TcpListener::from_std(listener).map_err(fail)?;
     let info = LinkInfo::new(model, format!("tcp {}", listener.local_addr().map_err(fail)?));
-    let senders = Senders::default();
-    let server = Server {
-        address: address.clone(),
-        is_faster,
-        clients: senders.clone(),
-        commands: CommandServer { unit: unit.clone(), info: info.clone() },
-    };
-    tokio::spawn(server.accept(listener));
-    Ok(StreamLink { info, senders, without_client: Sending::Unread })
+    let (link, clients) = start(info, unit);
+    let server = Server { address: address.clone(), is_faster, clients };
+    host::spawn(server.accept(listener));
+    Ok(link)
 }
 
+/// A link without clients, and its clients to come.
+pub(crate) fn start(info: LinkInfo, unit: &Arc<SharedUnit>) -> (StreamLink, Arc<Clients>) {
+    let senders = Senders::default();
+    let commands = CommandServer { unit: unit.clone(), info: info.clone() };
+    let clients = Arc::new(Clients { senders: senders.clone(), commands });
+    (StreamLink { info, senders, without_client: Sending::Unread }, clients)
+}
+
+/// Accepts clients.
 struct Server {
     address: TcpAddress,
     is_faster: bool,
-    clients: Senders,
-    commands: CommandServer,
+    clients: Arc<Clients>,
 }
 
 impl Server {
     async fn accept(self, listener: TcpListener) {
-        let server = Arc::new(self);
         let (mut is_failing, mut has_logged) = (false, false);
         loop {
             let accepted = listener.accept().await;
             let was_failing = std::mem::replace(&mut is_failing, accepted.is_err());
-            let name = &server.commands.info.statistics.name;
+            let LinkStatistics { name, refused, .. } = &*self.clients.commands.info.statistics;
             let (stream, peer) = match accepted {
                 Ok(accepted) => accepted,
                 Err(error) => {
                     if !was_failing {
                         console::say(format_args!("{name}: cannot accept clients: {error}; trying again"));
                     }
-                    tokio::time::sleep(ACCEPT_PAUSE).await;
+                    host::sleep(ACCEPT_PAUSE).await;
                     continue;
                 }
             };
-            if let Err(reason) = server.admit(stream, peer) {
-                server.commands.info.statistics.refused.fetch_add(1, Relaxed);
+            if let Err(reason) = self.admit(stream, peer) {
+                refused.fetch_add(1, Relaxed);
                 if !std::mem::replace(&mut has_logged, true) {
                     console::say(format_args!("{name}: {peer} refused, further refusals are only counted: {reason}"));
                 }
@@ -125,40 +127,58 @@ impl Server {
         }
     }
 
-    /// Serves a client in a task of its own.
-    ///
     /// # Errors
     /// The reason of a refusal.
-    fn admit(self: &Arc<Server>, stream: TcpStream, peer: SocketAddr) -> Result<(), String> {
+    fn admit(&self, stream: TcpStream, peer: SocketAddr) -> Result<(), String> {
         if !self.address.allows(peer.ip()) {
             return Err("its address is not among those of --tcp-allow".to_owned());
         }
         if descriptors::is_scarce_beside(stream.as_raw_fd()) {
             return Err("the remaining descriptors are reserved; ulimit -n raises the limit".to_owned());
         }
-        let mut served = self.clients.lock().clone();
+        self.clients.connect(peer, || prepare(stream, self.is_faster))
+    }
+}
+
+/// The clients of a link.
+pub(crate) struct Clients {
+    senders: Senders,
+    commands: CommandServer,
+}
+
+impl Clients {
+    /// Serves a client in a task of its own.
+    ///
+    /// # Errors
+    /// The reason of a refusal.
+    pub fn connect(
+        self: &Arc<Clients>,
+        peer: SocketAddr,
+        open: impl FnOnce() -> io::Result<Port>,
+    ) -> Result<(), String> {
+        let mut served = self.senders.lock().clone();
         served.retain(|client| client.is_open());
         if served.len() >= MAX_CLIENTS {
             // A client that has shut down its side most likely is gone; the new client takes its place.
             let gone = served.iter().find(|client| client.has_ended.load(Relaxed));
             gone.ok_or_else(|| format!("{MAX_CLIENTS} clients are served"))?.close();
         }
-        let port = prepare(stream, self.is_faster).map_err(|error| error.to_string())?;
+        let port = open().map_err(|error| error.to_string())?;
         let client = StreamSender::new(Some(port.clone()), 0.0, &self.commands.info, None);
-        self.clients.lock().push(client.clone());
+        self.senders.lock().push(client.clone());
         self.commands.info.statistics.clients.fetch_add(1, Relaxed);
-        let server = self.clone();
-        tokio::spawn(async move {
-            server.serve(port, &client, peer).await;
+        let clients = self.clone();
+        host::spawn(async move {
+            clients.serve(port, &client, peer).await;
             client.close();
-            server.clients.lock().retain(|other| !Arc::ptr_eq(other, &client));
-            server.commands.info.statistics.clients.fetch_sub(1, Relaxed);
+            clients.senders.lock().retain(|other| !Arc::ptr_eq(other, &client));
+            clients.commands.info.statistics.clients.fetch_sub(1, Relaxed);
         });
         Ok(())
     }
 
     async fn serve(&self, port: Port, client: &StreamSender, peer: SocketAddr) {
-        let Ok(port) = Watched::new(port) else { return };
+        let Ok(port) = WatchedPort::new(port) else { return };
         let link = format!("tcp {peer}");
         let commands = async {
             let mut receiver = Receiver::for_network();
@@ -168,7 +188,7 @@ impl Server {
                 // It sends no more, but may still read: `socat -u`, `nc` at the end of its input.
                 Ok(()) => {
                     client.has_ended.store(true, Relaxed);
-                    until_gone(port.get_ref(), client).await;
+                    until_gone(port.port(), client).await;
                 }
                 Err(error) if error.kind() == io::ErrorKind::InvalidData => {
                     self.commands.info.statistics.refused.fetch_add(1, Relaxed);
@@ -179,11 +199,12 @@ impl Server {
         };
         tokio::pin!(commands);
         tokio::select! {
+            biased;
             () = &mut commands => {}
             _ = client.pump(&port) => {
                 // A client that is gone may have sent commands before.
                 client.close();
-                let _ = timeout(UNHEARD_TIMEOUT, commands).await;
+                let _ = host::timeout(UNHEARD_TIMEOUT, commands).await;
             }
         }
     }
@@ -196,7 +217,7 @@ fn prepare(stream: TcpStream, is_faster: bool) -> io::Result<Port> {
     if !is_faster {
         setsockopt(&stream, sockopt::SndBuf, &SEND_BUFFER)?;
     }
-    Ok(Arc::new(stream))
+    Ok(Port::new(stream))
 }
 
 /// Enables keep-alive probes, which detect a vanished peer.
@@ -210,15 +231,11 @@ pub(crate) fn keep_alive(stream: &impl AsFd) -> io::Result<()> {
 
 /// Returns when a client that has shut down its side has closed the connection, or was sent no data for some time: only sent
 /// data shows whether it still reads.
-async fn until_gone(port: &Watched<Port>, client: &StreamSender) {
+async fn until_gone(port: &Port, client: &StreamSender) {
     let (mut written, mut since) = (client.written(), Instant::now());
     while since.elapsed() < ENDED_TIMEOUT {
-        tokio::time::sleep(POLL_INTERVAL).await;
-        let mut polled = [PollFd::new(port.as_fd(), PollFlags::empty())];
-        let gone = PollFlags::POLLHUP | PollFlags::POLLERR;
-        if poll(&mut polled, PollTimeout::ZERO).is_err()
-            || polled[0].revents().is_some_and(|events| events.intersects(gone))
-        {
+        host::sleep(POLL_INTERVAL).await;
+        if port.state().intersects(PollFlags::POLLHUP | PollFlags::POLLERR) {
             return;
         }
         let before = std::mem::replace(&mut written, client.written());

@@ -1,8 +1,7 @@
 //! The cadence thread: ends each sample just before its deadline, and sends it at the deadline.
 
 use std::sync::Arc;
-use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use geu_model::CompletedSample;
 use geu_model::fault::engine::ActiveFault;
@@ -12,8 +11,9 @@ use super::error::RunError;
 use super::output::{LinkOutput, TimedLinks};
 use super::session::{LEAD_NS, POLL_INTERVAL, Session};
 use super::unit::RunOptions;
-use crate::cadence::{Speed, ask_for_realtime, doze_until, now_ns};
+use crate::cadence::{Speed, ask_for_realtime, doze_until};
 use crate::console;
+use crate::host::{self, Instant, now_ns};
 use crate::lateness::DurationNs;
 use crate::recorder_thread::Status;
 use crate::shared_unit::SharedUnit;
@@ -102,7 +102,7 @@ impl CadenceLoop {
         let waits = !self.links.patience.is_none();
         // Without deadlines the unit waits for its recording as it does for readers.
         while waits && !self.is_stopped() && !self.unit.recording().is_none_or(Status::has_ample_capacity) {
-            thread::park_timeout(POLL_INTERVAL);
+            host::park_thread(POLL_INTERVAL);
         }
         let (ended, injected) = self.unit.end_sample();
         self.last_end_ns = ended.end_ns;

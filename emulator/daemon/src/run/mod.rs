@@ -12,5 +12,9 @@ mod session;
 mod unit;
 
 pub use error::RunError;
+#[cfg(test)]
+pub(crate) use session::Session;
 pub use session::asked_to_end;
+#[cfg(test)]
+pub(crate) use unit::run_unit;
 pub use unit::{Recording, RunOptions, RunSummary, run};

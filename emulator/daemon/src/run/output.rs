@@ -8,7 +8,8 @@ use geu_model::fault::catalogue::Transport;
 use geu_model::fault::engine::ActiveFault;
 
 use super::session::Session;
-use crate::cadence::{DeadlineTimer, now_ns};
+use crate::cadence::DeadlineTimer;
+use crate::host::now_ns;
 use crate::link::Link;
 use crate::patience::{LAST_WORDS, Patience};
 use crate::truth::Handed;
@@ -62,7 +63,7 @@ impl TimedLinks {
 }
 
 /// A link with its queue.
-pub(super) struct LinkOutput {
+pub(crate) struct LinkOutput {
     pub link: Box<dyn Link>,
     pub queue: TransmitQueue,
     /// Encoded for the deadline, and whether it ends within a frame.

@@ -5,18 +5,17 @@ use std::io;
 use std::pin::pin;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
-use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use geu_model::CompletedSample;
 use geu_model::device::Device;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::oneshot;
-use tokio::time::MissedTickBehavior;
 
 use super::error::RunError;
 use super::output::LinkOutput;
 use crate::cadence::Speed;
+use crate::host::{self, Instant, Thread};
 use crate::lateness::CadenceMonitor;
 use crate::link::{self, Link, LinkAddress, LinkStatistics};
 use crate::patience::{LAST_WORDS, Patience, Stop};
@@ -51,7 +50,7 @@ pub async fn asked_to_end() -> io::Result<()> {
 
 /// A run: its end, and its lateness.
 #[derive(Clone)]
-pub(super) struct Session {
+pub(crate) struct Session {
     pub stop: Arc<Stop>,
     pub monitor: Arc<CadenceMonitor>,
     pub speed: Speed,
@@ -77,23 +76,30 @@ impl Session {
         body: impl Future<Output = Result<T, RunError>>,
     ) -> Result<T, RunError> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-        let ended = runtime.block_on(async {
-            let (mut shutdown, mut body) = (pin!(shutdown), pin!(body));
-            loop {
-                // `shutdown` first, so that a signal during the opening of links is not the default end of the process.
-                tokio::select! {
-                    biased;
-                    asked = &mut shutdown, if !self.stop.is_asked() => {
-                        asked?;
-                        self.stop.ask();
-                    }
-                    ended = &mut body => return ended,
-                }
-            }
-        });
+        let ended = runtime.block_on(self.until_end(shutdown, body));
         // The last task removes the symlink of a pty. Not awaited: a name resolver may take half a minute.
         runtime.shutdown_background();
         ended
+    }
+
+    /// Resolves when `body` does, and asks the run to end when `shutdown` resolves.
+    pub async fn until_end<T>(
+        &self,
+        shutdown: impl Future<Output = io::Result<()>>,
+        body: impl Future<Output = Result<T, RunError>>,
+    ) -> Result<T, RunError> {
+        let (mut shutdown, mut body) = (pin!(shutdown), pin!(body));
+        loop {
+            // `shutdown` first, so that a signal during the opening of links is not the default end of the process.
+            tokio::select! {
+                biased;
+                asked = &mut shutdown, if !self.stop.is_asked() => {
+                    asked?;
+                    self.stop.ask();
+                }
+                ended = &mut body => return ended,
+            }
+        }
     }
 
     pub fn open_links(&self, links: &[LinkAddress], unit: &Arc<SharedUnit>) -> Result<Vec<Box<dyn Link>>, RunError> {
@@ -113,28 +119,27 @@ impl Session {
         work: impl FnOnce() -> T + Send + 'static,
     ) -> Result<T, RunError> {
         let (done, mut is_done) = oneshot::channel();
-        let thread = thread::Builder::new().name("geu-cadence".to_owned()).spawn(move || {
+        let thread = Thread::spawn("geu-cadence", move || {
             let worked = work();
             let _ = done.send(());
             worked
         })?;
-        let mut status = tokio::time::interval(STATUS_INTERVAL);
-        status.set_missed_tick_behavior(MissedTickBehavior::Skip);
         let (wants_status, mut is_woken) = (console::wants_status(), false);
         loop {
             tokio::select! {
+                biased;
                 _ = &mut is_done => break,
                 _ = self.stop.asked(), if !is_woken => {
                     is_woken = true;
-                    thread.thread().unpark();
+                    thread.unpark();
                 }
-                _ = status.tick(), if wants_status => {
+                () = host::sleep(STATUS_INTERVAL), if wants_status => {
                     let clients = links.iter().map(|link| link.clients.load(Relaxed)).sum();
                     console::show_status(device, last_sample(), clients, &self.monitor.counts().lateness);
                 }
             }
         }
-        Ok(thread.join().expect("the cadence thread does not panic"))
+        Ok(thread.join())
     }
 
     pub fn is_stopped(&self) -> bool {
@@ -144,7 +149,7 @@ impl Session {
     /// Waits on the cadence thread until a client is attached, if the run waits for one.
     pub fn await_client(&self, links: &[LinkOutput]) {
         while self.waits_for_client && !self.is_stopped() && !links.iter().any(LinkOutput::has_client) {
-            thread::park_timeout(POLL_INTERVAL);
+            host::park_thread(POLL_INTERVAL);
         }
     }
 
@@ -160,7 +165,7 @@ impl Session {
 pub(super) async fn await_readers(links: &[LinkOutput]) {
     let (give_up, mut empty_since) = (Instant::now() + LAST_WORDS, Instant::now());
     while Instant::now() < give_up && empty_since.elapsed() < EMPTY_TIME {
-        tokio::time::sleep(POLL_INTERVAL).await;
+        host::sleep(POLL_INTERVAL).await;
         if !links.iter().all(|output| output.link.is_drained()) {
             empty_since = Instant::now();
         }

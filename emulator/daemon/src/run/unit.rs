@@ -6,8 +6,7 @@ use std::io;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use geu_model::configuration::LinkLogFormat;
 use geu_model::fault::catalogue::Transport;
@@ -22,6 +21,7 @@ use crate::cadence::Speed;
 use crate::console;
 use crate::control::{ControlListener, Server};
 use crate::control_service::{ControlService, StatusSource};
+use crate::host::{self, Instant, Thread};
 use crate::lateness::Histogram;
 use crate::link::{Link, LinkAddress, LinkStatistics};
 use crate::patience::Stop;
@@ -137,12 +137,12 @@ pub fn run(
     let ended = session.block_on(shutdown, run_unit(&session, &unit, settings, control, recorded));
     unit.close();
     // Ends with the unit's observer.
-    let _ = publisher.map(JoinHandle::join);
+    let _ = publisher.map(Thread::join);
     console::finish();
     ended
 }
 
-async fn run_unit(
+pub(crate) async fn run_unit(
     session: &Session,
     unit: &Arc<SharedUnit>,
     settings: &RunOptions,
@@ -235,11 +235,15 @@ fn plan_recording(
 async fn recording_deadline(stop: &Stop) {
     let start = Instant::now();
     let end = (stop.asked().await + RECORD_AFTER_ASKED).max(start + MIN_RECORD_TIME);
-    tokio::time::sleep_until(end.into()).await;
+    host::sleep(end - start).await;
 }
 
 /// Registers this emulator for clients; it runs without registration if that fails.
 fn register(links: &[Arc<LinkStatistics>], control: Option<SocketAddr>) -> Option<Registration> {
+    #[cfg(test)]
+    if crate::simulation::host().is_some() {
+        return None;
+    }
     let link = |statistics: &Arc<LinkStatistics>| {
         let (kind, address) = statistics.name.split_once(' ').unwrap_or((&statistics.name, ""));
         // A client may have another working directory.

@@ -5,8 +5,7 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard};
-use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use geu_model::attitude::Motion;
 use geu_model::device::Device;
@@ -17,6 +16,7 @@ use tokio::sync::Notify;
 
 use crate::cadence::Speed;
 use crate::console;
+use crate::host::{self, Instant};
 use crate::recorder_thread::{self, Feed};
 use geu_recorder::UnitEvent;
 use geu_recorder::link_model::{LinkModel, Transmission};
@@ -101,14 +101,14 @@ impl SharedUnit {
     }
 
     fn lock(&self) -> MutexGuard<'_, Inner> {
-        self.inner.lock().expect("the model does not panic")
+        host::lock(&self.inner)
     }
 
     /// Yields to waiting commands for a limited time: at full speed they would hardly ever get the lock.
     pub fn yield_to_commands(&self) {
         let start = Instant::now();
         while self.waiting.load(Relaxed) > 0 && start.elapsed() < YIELD_LIMIT {
-            thread::yield_now();
+            host::yield_thread();
         }
     }
 
@@ -289,6 +289,14 @@ impl SharedUnit {
         let mut inner = self.lock();
         inner.publish_from(EventSource::repeat_recorded);
         (inner.recording, inner.observer) = (None, None);
+    }
+}
+
+#[cfg(test)]
+impl SharedUnit {
+    /// True once commands are no longer answered.
+    pub fn is_closed(&self) -> bool {
+        self.is_closed.load(Relaxed)
     }
 }
 

@@ -174,8 +174,7 @@ impl Device {
     pub fn known_name(&self) -> Option<&'static str> {
         let DeviceText { text, files, .. } = &self.description;
         let is_known = |(file, text): &(String, String)| FILES.contains(&(file.as_str(), text.as_str()));
-        let known = DEVICES.iter().find(|(_, known)| known == text).filter(|_| files.iter().all(is_known));
-        known.map(|(name, _)| *name)
+        DEVICES.iter().find(|(_, known)| known == text).filter(|_| files.iter().all(is_known)).map(|(name, _)| *name)
     }
 
     /// The default unit, four floated gyros with outputs of 16 bits (Casteren §2, §5).

@@ -483,7 +483,8 @@ fn a_known_unit_has_the_text_and_the_files_of_its_name() {
         let file = |file: &str| FILES.iter().find(|(own, _)| *own == file).expect("a known file").1;
         let other = Device::parse(name, text, &|name| Ok(format!("{}\n", file(name)))).expect("the same unit");
         assert_eq!(other.known_name(), Some(*name).filter(|_| known.description.files.is_empty()));
-        let other = Device::parse(name, &format!("{text}\n"), &|name| Ok(file(name).to_owned())).expect("the same unit");
+        let other =
+            Device::parse(name, &format!("{text}\n"), &|name| Ok(file(name).to_owned())).expect("the same unit");
         assert_eq!(other.known_name(), None);
     }
 }

@@ -1,9 +1,13 @@
 //! Outputs of rows: text, columns, or none.
 
 use std::io::{ErrorKind, IsTerminal};
+use std::mem;
+use std::sync::Arc;
 
 use geu_archive::{BatchFile, Columns, FileFormat, Partition};
 use geu_files::Output;
+use geu_recording::{Ordered, pool};
+use rayon::ThreadPool;
 
 use crate::command_error::CommandError;
 use crate::output_writer::{BUFFER, OutputWriter};
@@ -41,15 +45,96 @@ impl<R> RowOutput<R> for NoRows {
     }
 }
 
-/// Rows as text that `write` appends.
-pub struct TextRows<'a, W> {
-    pub out: Option<&'a OutputFile>,
-    pub header: String,
-    pub write: W,
-    pub writer: Option<OutputWriter>,
+/// Rows as text that `write` appends. Of many rows, other threads write blocks, which are put out in their order.
+pub struct TextRows<'a, R, W> {
+    out: Option<&'a OutputFile>,
+    header: String,
+    write: Arc<W>,
+    writer: Option<OutputWriter>,
+    /// Rows until now, up to a block.
+    count: usize,
+    blocks: Option<Blocks<R>>,
 }
 
-impl<R, W: FnMut(&R, &mut Vec<u8>)> RowOutput<R> for TextRows<'_, W> {
+/// Rows of a block; their text is about as long as the buffer of an output.
+const BLOCK_ROWS: usize = 1 << 12;
+
+struct Blocks<R> {
+    /// Rows that are not passed on yet.
+    open: Block<R>,
+    pending: Ordered<Block<R>>,
+    spare: Vec<Block<R>>,
+}
+
+/// Rows, and then their text.
+struct Block<R> {
+    rows: Vec<R>,
+    text: Vec<u8>,
+}
+
+impl<R, W> TextRows<'_, R, W> {
+    pub fn new(out: Option<&OutputFile>, header: String, write: W) -> TextRows<'_, R, W> {
+        TextRows { out, header, write: Arc::new(write), writer: None, count: 0, blocks: None }
+    }
+}
+
+impl<R> Block<R> {
+    fn new() -> Block<R> {
+        Block { rows: Vec::with_capacity(BLOCK_ROWS), text: Vec::new() }
+    }
+
+    fn written(mut self, write: &impl Fn(&R, &mut Vec<u8>)) -> Block<R> {
+        self.rows.drain(..).for_each(|row| write(&row, &mut self.text));
+        self
+    }
+}
+
+impl<R: Clone + Send + 'static> Blocks<R> {
+    fn new(pool: &'static ThreadPool) -> Blocks<R> {
+        Blocks { open: Block::new(), pending: Ordered::new(pool), spare: Vec::new() }
+    }
+
+    #[cold]
+    fn pass_on<W>(&mut self, write: &Arc<W>, writer: &mut OutputWriter) -> Result<(), CommandError>
+    where
+        W: Fn(&R, &mut Vec<u8>) + Send + Sync + 'static,
+    {
+        let block = mem::replace(&mut self.open, self.spare.pop().unwrap_or_else(Block::new));
+        let write = Arc::clone(write);
+        self.pending.start(move || block.written(&*write));
+        while self.pending.is_full() {
+            self.put_out(writer)?;
+        }
+        Ok(())
+    }
+
+    /// Puts out the text of the next block; false if there is none.
+    fn put_out(&mut self, writer: &mut OutputWriter) -> Result<bool, CommandError> {
+        let Some(mut block) = self.pending.next() else { return Ok(false) };
+        if writer.buffer.is_empty() {
+            mem::swap(&mut writer.buffer, &mut block.text);
+        }
+        writer.buffer.append(&mut block.text);
+        self.spare.push(block);
+        if writer.buffer.len() >= BUFFER { writer.flush() } else { Ok(()) }.map(|()| true)
+    }
+
+    fn put_out_all(
+        &mut self,
+        write: &impl Fn(&R, &mut Vec<u8>),
+        writer: &mut OutputWriter,
+    ) -> Result<(), CommandError> {
+        while self.put_out(writer)? {}
+        self.open.rows.drain(..).for_each(|row| write(&row, &mut writer.buffer));
+        Ok(())
+    }
+}
+
+impl<R, W> RowOutput<R> for TextRows<'_, R, W>
+where
+    R: Clone + Send + 'static,
+    W: Fn(&R, &mut Vec<u8>) + Send + Sync + 'static,
+{
     fn open(&mut self) -> Result<(), CommandError> {
         let mut writer = OutputWriter::open(self.out)?;
         writer.buffer.extend_from_slice(self.header.as_bytes());
@@ -60,15 +145,28 @@ impl<R, W: FnMut(&R, &mut Vec<u8>)> RowOutput<R> for TextRows<'_, W> {
     #[inline]
     fn row(&mut self, row: &R) -> Result<(), CommandError> {
         let Some(writer) = &mut self.writer else { return Ok(()) };
+        if let Some(blocks) = &mut self.blocks {
+            blocks.open.rows.push(row.clone());
+            return if blocks.open.rows.len() >= BLOCK_ROWS { blocks.pass_on(&self.write, writer) } else { Ok(()) };
+        }
         (self.write)(row, &mut writer.buffer);
+        self.count += 1;
+        if self.count == BLOCK_ROWS {
+            self.blocks = pool().map(Blocks::new);
+        }
         if writer.buffer.len() >= BUFFER { writer.flush() } else { Ok(()) }
     }
 
     fn flush(&mut self) -> Result<(), CommandError> {
-        self.writer.as_mut().map_or(Ok(()), OutputWriter::flush)
+        let Some(writer) = &mut self.writer else { return Ok(()) };
+        if let Some(blocks) = &mut self.blocks {
+            blocks.put_out_all(&*self.write, writer)?;
+        }
+        writer.flush()
     }
 
-    fn finish(self) -> Result<Vec<Output>, CommandError> {
+    fn finish(mut self) -> Result<Vec<Output>, CommandError> {
+        self.flush()?;
         Ok(self.writer.map(OutputWriter::complete).transpose()?.into_iter().collect())
     }
 }

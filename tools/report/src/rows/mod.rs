@@ -52,24 +52,35 @@ impl TextFormat {
 /// Appends a row with its line end.
 #[inline]
 pub fn write_row(format: TextFormat, with_bits: bool, row: &ReceivedSample, out: &mut Vec<u8>) {
-    let mut line = Line { format, field: 0, bytes: [0; LINE], length: 0 };
-    let sample = &row.sample;
-    line.field(row.time, |line, time| line.seconds(time));
-    line.field(Some(sample.sequence), |line, value| line.unsigned(value.into()));
-    line.field(row.has_clock.then_some(sample.clock_count), |line, value| line.unsigned(value));
-    for increment in sample.increments {
-        line.field(Some(increment), |line, value| line.signed(value.into()));
+    match format {
+        TextFormat::Csv => write_fields::<false, CSV_LINE>(row, out),
+        TextFormat::Jsonl => write_fields::<true, JSON_LINE>(row, out),
     }
-    line.field(Some(sample.gyro_flags), |line, value| line.unsigned(value.into()));
-    line.field(Some(sample.unit_flags), |line, value| line.unsigned(value.into()));
-    line.field(Some(sample.electronics_centi_c), |line, value| line.hundredths(value));
-    line.field(row.has_clock.then_some(sample.sensor_centi_c), |line, value| line.hundredths(value));
-    out.extend_from_slice(&line.bytes[..line.length]);
     if with_bits {
-        write_bits(format, sample.gyro_flags, GYRO_FLAGS, out);
-        write_bits(format, sample.unit_flags, UNIT_FLAGS, out);
+        write_bits(format, row.sample.gyro_flags, GYRO_FLAGS, out);
+        write_bits(format, row.sample.unit_flags, UNIT_FLAGS, out);
     }
     out.extend_from_slice(if format == TextFormat::Jsonl { b"}\n" } else { b"\n" });
+}
+
+#[inline]
+fn write_fields<const IS_JSON: bool, const LENGTH: usize>(row: &ReceivedSample, out: &mut Vec<u8>) {
+    let mut line = Line::<IS_JSON, LENGTH>::new();
+    let sample = &row.sample;
+    line.field(0, row.time, |line, time| line.seconds(time));
+    line.field(1, Some(sample.sequence), |line, value| line.short(value.into(), 5));
+    line.field(2, row.has_clock.then_some(sample.clock_count), |line, value| line.unsigned(value));
+    for (index, increment) in sample.increments.into_iter().enumerate() {
+        line.field(3 + index, Some(increment), |line, value| {
+            line.minus(value < 0);
+            line.short(value.unsigned_abs().into(), 5);
+        });
+    }
+    line.field(7, Some(sample.gyro_flags), |line, value| line.short(value.into(), 3));
+    line.field(8, Some(sample.unit_flags), |line, value| line.short(value.into(), 3));
+    line.field(9, Some(sample.electronics_centi_c), |line, value| line.hundredths(value));
+    line.field(10, row.has_clock.then_some(sample.sensor_centi_c), |line, value| line.hundredths(value));
+    out.extend_from_slice(&line.bytes[..line.length]);
 }
 
 fn write_bits(format: TextFormat, flags: u8, bits: &[Bit], out: &mut Vec<u8>) {
@@ -82,107 +93,124 @@ fn write_bits(format: TextFormat, flags: u8, bits: &[Bit], out: &mut Vec<u8>) {
     }
 }
 
-/// Longer than any line: names and eleven numbers.
-const LINE: usize = 384;
+/// Longer than any line of eleven numbers.
+const CSV_LINE: usize = 128;
+/// Longer than any line with names.
+const JSON_LINE: usize = 384;
 
-struct Line {
-    format: TextFormat,
-    field: usize,
-    bytes: [u8; LINE],
+/// A line in a buffer. Numbers are written as words of eight digits, of which the last ones are overwritten by the next field.
+struct Line<const IS_JSON: bool, const LENGTH: usize> {
+    bytes: [u8; LENGTH],
     length: usize,
 }
 
-/// The two digits of each number below 100.
-const PAIRS: [[u8; 2]; 100] = {
-    let mut pairs = [[0; 2]; 100];
-    let mut value = 0;
-    while value < 100 {
-        pairs[value] = [b'0' + (value / 10) as u8, b'0' + (value % 10) as u8];
-        value += 1;
-    }
-    pairs
-};
+const ZEROS: u64 = 0x3030_3030_3030_3030;
+const EIGHT_DIGITS: u64 = 100_000_000;
 
-impl Line {
+/// The eight decimal digits of a number below 100 000 000 as values from 0 to 9, the first in the lowest byte: pairs of four,
+/// two and one digit are divided at once.
+#[inline]
+fn eight_digits(value: u64) -> u64 {
+    let fours = (value / 10_000) | (value % 10_000) << 32;
+    let hundreds = ((fours * 5243) >> 19) & 0x0000_007F_0000_007F;
+    let twos = hundreds | (fours - 100 * hundreds) << 16;
+    let tens = ((twos * 103) >> 10) & 0x000F_000F_000F_000F;
+    tens | (twos - 10 * tens) << 8
+}
+
+impl<const IS_JSON: bool, const LENGTH: usize> Line<IS_JSON, LENGTH> {
+    #[inline]
+    fn new() -> Line<IS_JSON, LENGTH> {
+        Line { bytes: [0; LENGTH], length: 0 }
+    }
+
     #[inline]
     fn push(&mut self, bytes: &[u8]) {
         self.bytes[self.length..self.length + bytes.len()].copy_from_slice(bytes);
         self.length += bytes.len();
     }
 
+    /// Appends the lowest `count` bytes.
     #[inline]
-    fn field<T>(&mut self, value: Option<T>, write: impl FnOnce(&mut Line, T)) {
-        match self.format {
-            TextFormat::Csv if self.field > 0 => self.push(b","),
-            TextFormat::Csv => {}
-            TextFormat::Jsonl => {
-                self.push(if self.field == 0 { b"{\"" } else { b",\"" });
-                self.push(NAMES[self.field].as_bytes());
-                self.push(b"\":");
-            }
+    fn push_word(&mut self, word: u64, count: usize) {
+        self.bytes[self.length..self.length + 8].copy_from_slice(&word.to_le_bytes());
+        self.length += count;
+    }
+
+    #[inline]
+    fn field<T>(&mut self, index: usize, value: Option<T>, write: impl FnOnce(&mut Self, T)) {
+        if IS_JSON {
+            self.push(if index == 0 { b"{\"" } else { b",\"" });
+            self.push(NAMES[index].as_bytes());
+            self.push(b"\":");
+        } else if index > 0 {
+            self.push(b",");
         }
-        self.field += 1;
         match value {
             Some(value) => write(self, value),
-            None if self.format == TextFormat::Jsonl => self.push(b"null"),
+            None if IS_JSON => self.push(b"null"),
             None => {}
         }
     }
 
-    #[inline]
-    fn unsigned(&mut self, mut value: u64) {
-        let (mut digits, mut at) = ([0; 20], 20);
-        while value >= 100 {
-            at -= 2;
-            digits[at..at + 2].copy_from_slice(&PAIRS[(value % 100) as usize]);
-            value /= 100;
-        }
-        at -= 2;
-        digits[at..at + 2].copy_from_slice(&PAIRS[value as usize]);
-        at += usize::from(value < 10);
-        self.push(&digits[at..]);
+    /// Appends a number below 10 to the power of `digits`, at most 8. The length depends on comparisons alone, and not on the
+    /// digits, so that the next field need not wait for them.
+    #[inline(always)]
+    fn short(&mut self, value: u64, digits: u32) {
+        let length = 1 + (1..digits).map(|power| usize::from(value >= 10u64.pow(power))).sum::<usize>();
+        self.push_word((eight_digits(value) | ZEROS) >> (64 - 8 * length), length);
     }
 
     #[inline]
-    fn signed(&mut self, value: i64) {
-        if value < 0 {
-            self.push(b"-");
+    fn unsigned(&mut self, value: u64) {
+        if value < EIGHT_DIGITS {
+            return self.short(value, 8);
         }
-        self.unsigned(value.unsigned_abs());
+        let (high, low) = (value / EIGHT_DIGITS, value % EIGHT_DIGITS);
+        if high < EIGHT_DIGITS {
+            self.short(high, 8);
+        } else {
+            self.short(high / EIGHT_DIGITS, 4);
+            self.push_word(eight_digits(high % EIGHT_DIGITS) | ZEROS, 8);
+        }
+        self.push_word(eight_digits(low) | ZEROS, 8);
+    }
+
+    #[inline]
+    fn minus(&mut self, is_negative: bool) {
+        self.bytes[self.length] = b'-';
+        self.length += usize::from(is_negative);
     }
 
     #[inline]
     fn hundredths(&mut self, value: i16) {
-        if value < 0 {
-            self.push(b"-");
-        }
-        let magnitude = value.unsigned_abs();
-        self.unsigned(u64::from(magnitude / 100));
-        self.push(b".");
-        self.push(&PAIRS[usize::from(magnitude % 100)]);
+        self.minus(value < 0);
+        let magnitude = u64::from(value.unsigned_abs());
+        self.short(magnitude / 100, 3);
+        // The last two of eight digits.
+        let digits = (eight_digits(magnitude % 100) | ZEROS) >> 40;
+        self.push_word(digits & !0xFF | u64::from(b'.'), 3);
     }
 
     /// Seconds with the digits of the source, six or more.
     #[inline]
     fn seconds(&mut self, time: Timestamp) {
-        if time.t_ns < 0 {
-            self.push(b"-");
-        }
+        self.minus(time.t_ns < 0);
         let magnitude = time.t_ns.unsigned_abs();
         self.unsigned(magnitude / 1_000_000_000);
-        let mut fraction = (magnitude % 1_000_000_000) * 10;
-        let mut digits = [b'.'; 11];
-        for pair in (0..5).rev() {
-            digits[1 + 2 * pair..3 + 2 * pair].copy_from_slice(&PAIRS[(fraction % 100) as usize]);
-            fraction /= 100;
+        self.push(b".");
+        let fraction = magnitude % 1_000_000_000;
+        let digits = usize::from(time.digits.clamp(6, 9));
+        self.push_word(eight_digits(fraction / 10) | ZEROS, digits.min(8));
+        if digits == 9 {
+            self.push_word(ZEROS | fraction % 10, 1);
         }
-        self.push(&digits[..1 + usize::from(time.digits.clamp(6, 9))]);
     }
 }
 
 /// Appends a time with the digits of the source, six or more.
 pub fn write_seconds(time: Timestamp, out: &mut Vec<u8>) {
-    let mut line = Line { format: TextFormat::Csv, field: 0, bytes: [0; LINE], length: 0 };
+    let mut line = Line::<false, 40>::new();
     line.seconds(time);
     out.extend_from_slice(&line.bytes[..line.length]);
 }
@@ -245,6 +273,45 @@ mod tests {
             TextFormat::Csv.header(false),
             "t_s,sequence,clock_count,gyrx,gyry,gyrza,gyrzb,gyro_flags,unit_flags,electronics_c,sensor_c\n"
         );
+    }
+
+    #[test]
+    fn numbers_are_those_of_the_standard_formatter() {
+        let powers = (0..20).map(|power| 10u64.pow(power)).flat_map(|power| [power - 1, power, power + 1, power * 7]);
+        for value in (0..70_000).chain(powers).chain([u64::MAX, (1 << 48) - 1]) {
+            let mut line = Line::<false, 40>::new();
+            line.unsigned(value);
+            assert_eq!(std::str::from_utf8(&line.bytes[..line.length]), Ok(value.to_string().as_str()));
+        }
+        for value in i16::MIN..=i16::MAX {
+            let mut line = Line::<false, 40>::new();
+            line.hundredths(value);
+            let (sign, magnitude) = (if value < 0 { "-" } else { "" }, value.unsigned_abs());
+            let expected = format!("{sign}{}.{:02}", magnitude / 100, magnitude % 100);
+            assert_eq!(std::str::from_utf8(&line.bytes[..line.length]), Ok(expected.as_str()));
+        }
+    }
+
+    #[test]
+    fn the_longest_rows_fit() {
+        let sample = Sample {
+            increments: [i16::MIN; 4],
+            gyro_flags: 255,
+            unit_flags: 255,
+            electronics_centi_c: i16::MIN,
+            sensor_centi_c: i16::MIN,
+            clock_count: u64::MAX,
+            ..ROW.sample
+        };
+        for digits in 6..=9 {
+            let row = ReceivedSample { time: Some(Timestamp { t_ns: i64::MIN, digits }), sample, ..ROW };
+            let csv = text(TextFormat::Csv, &row);
+            let fraction = &"854775808"[..digits.into()];
+            let rest = "65535,18446744073709551615,-32768,-32768,-32768,-32768,255,255,-327.68,-327.68\n";
+            assert_eq!(csv, format!("-9223372036.{fraction},{rest}"));
+            assert!(csv.len() + 8 <= CSV_LINE);
+            assert!(text(TextFormat::Jsonl, &row).len() + 8 <= JSON_LINE);
+        }
     }
 
     #[test]

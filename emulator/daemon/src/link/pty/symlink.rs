@@ -14,6 +14,7 @@ use std::sync::Mutex;
 use nix::libc::{O_NOFOLLOW, O_NONBLOCK};
 
 use super::super::error::LinkError;
+use crate::host;
 
 /// First bytes of a lock; any other file is not a lock of an emulator.
 const MARK: &str = "geu pty ";
@@ -71,13 +72,13 @@ impl Symlink {
             self.lock.write(target)?;
             self.make(target)?;
         }
-        *self.target.lock().expect("no panic while locked") = target.to_owned();
+        *host::lock(&self.target) = target.to_owned();
         Ok(())
     }
 
     /// Target of the symlink.
     pub fn target(&self) -> PathBuf {
-        self.target.lock().expect("no panic while locked").clone()
+        host::lock(&self.target).clone()
     }
 }
 

@@ -26,6 +26,7 @@ use super::output::LinkOutput;
 use super::session::{Session, await_readers};
 use crate::cadence::Speed;
 use crate::console;
+use crate::host;
 use crate::lateness::Histogram;
 use crate::link::LinkStatistics;
 use crate::shared_unit::SharedUnit;
@@ -125,7 +126,7 @@ async fn replay_items(
     let statistics: Vec<_> = links.iter().map(|link| link.info().statistics.clone()).collect();
     let links = links.into_iter().map(|link| LinkOutput::new(link, unit.device.interval_ns())).collect();
     let shown = Arc::new(Mutex::new(None::<geu_protocol::Sample>));
-    let last_sample = || shown.lock().expect("no panic while locked").map(CompletedSample::from);
+    let last_sample = || host::lock(&shown).map(CompletedSample::from);
     let (own_session, own_settings, own_shown) = (session.clone(), settings.clone(), shown.clone());
     let work = move || {
         let mut player = Player::new(&own_settings, links, items, steps, own_session, own_shown);

@@ -12,8 +12,9 @@ use geu_protocol::field::unit_flag;
 use geu_protocol::{CanIdMap, Sample};
 
 use super::item::{ReplayItem, ReplayItemKind, ReplayOptions, Steps, TrafficOrigin};
-use crate::cadence::{doze_until, now_ns};
+use crate::cadence::doze_until;
 use crate::console;
+use crate::host::{self, now_ns};
 use crate::lateness::DurationNs;
 use crate::run::output::{LinkOutput, TimedLinks};
 use crate::run::session::{LEAD_NS, Session};
@@ -222,7 +223,7 @@ impl Player {
         self.counts.faulted += u64::from(is_faulted);
         self.last = Some(*sample);
         if !self.is_described {
-            *self.shown.lock().expect("no panic while locked") = self.last;
+            *host::lock(&self.shown) = self.last;
         }
     }
 
