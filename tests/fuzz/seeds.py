@@ -83,7 +83,7 @@ t_s,rate_deg_s
 1.0,1.6
 1.5,1.5
 """.split("\n\n")
-RECEIVED = "t_s,angle_x_arcsec,angle_y_arcsec,angle_z_arcsec,basis{}\n0.1,1.5,-2.0,1e-5,told{}\n0.2,0.0,0.0,0.0,held{}\n"
+RECEIVED = "t_s,angle_x_arcsec,angle_y_arcsec,angle_z_arcsec,basis{}\n0.1,1.5,-2.0,1e-5,held{}\n0.2,0.0,0.0,0.0,missing{}\n"
 REQUESTS = ["GET /api/status\n\n", "GET /api/catalogue\nhost: localhost:8470\norigin: http://localhost:8470\n\n", "DELETE /api/faults/a%20b\n\n",
             "GET /index.html?token=x\nhost: 127.0.0.1:8470\nauthorization: Bearer x\n\n"]
 BODIES = {

@@ -11,8 +11,8 @@ use geu_recording::{Decoder, DecoderOptions, DeviceDecoder};
 use crate::decoded::{capture, serial};
 use crate::{device, parts};
 
-/// Splits off the first bytes, zeros in place of those that are missing.
-fn take<const COUNT: usize>(data: &mut &[u8]) -> [u8; COUNT] {
+/// Splits off the first bytes, zeros in place of missing ones.
+fn split<const COUNT: usize>(data: &mut &[u8]) -> [u8; COUNT] {
     let mut bytes = [0; COUNT];
     let (own, rest) = data.split_at(data.len().min(COUNT));
     bytes[..own.len()].copy_from_slice(own);
@@ -22,7 +22,7 @@ fn take<const COUNT: usize>(data: &mut &[u8]) -> [u8; COUNT] {
 
 /// A sample that follows another one: by one, with a gap or a repeat, with a clock that follows or not.
 fn next(last: &Sample, data: &mut &[u8]) -> Sample {
-    let [step, clock, flags, unit_flags, x, y, za, zb] = take(data);
+    let [step, clock, flags, unit_flags, x, y, za, zb] = split(data);
     let sequence = last.sequence.wrapping_add(u16::from(step % 8));
     let cycles = u64::from(step % 8) * 500_000 + u64::from(clock.saturating_sub(200)) * 9_973;
     let increments = [x, y, za, zb].map(|byte| i16::from_be_bytes([byte; 2]));
@@ -37,7 +37,7 @@ pub fn bytes(data: &[u8]) {
     let (mut stream, mut last, mut samples) = (Vec::new(), Sample::default(), Some(Vec::new()));
     while let Some((tag, rest)) = data.split_first() {
         data = rest;
-        let payload: [u8; 8] = if tag % 8 < 5 { [0; 8] } else { take(&mut data) };
+        let payload: [u8; 8] = if tag % 8 < 5 { [0; 8] } else { split(&mut data) };
         match tag % 8 {
             0..5 => {
                 last = next(&last, &mut data);
@@ -70,14 +70,14 @@ pub fn frames(data: &[u8]) {
         if tag % 8 < 6 {
             last = next(&last, &mut data);
             own.extend(CanIdMap::default().frames(&last));
-            // Without one of the three, or with them in another order.
+            // With a frame missing, or in another order.
             match tag % 8 {
                 4 => drop(own.remove(usize::from(tag / 8 % 3))),
                 5 => own.swap(0, usize::from(tag / 8 % 3)),
                 _ => {}
             }
         } else {
-            let payload: [u8; 8] = take(&mut data);
+            let payload: [u8; 8] = split(&mut data);
             own.extend(CanFrame::new(0x1A0 + u16::from(tag % 16), &payload[..usize::from(tag / 8 % 9)]));
         }
         t_us += u64::from(*tag) * 4_000;
@@ -107,12 +107,12 @@ pub fn described(data: &[u8]) {
     while let Some((tag, rest)) = data.split_first() {
         data = rest;
         if *tag >= 0xF0 {
-            stream.extend(take::<5>(&mut data));
+            stream.extend(split::<5>(&mut data));
             continue;
         }
         // Some values change from frame to frame.
         for _ in 0..tag % 4 {
-            let [place, change] = take(&mut data);
+            let [place, change] = split(&mut data);
             let place = usize::from(place) % values.len();
             values[place] += f64::from(change as i8);
         }
