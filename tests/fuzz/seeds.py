@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 CAPTURES = ROOT / "tests" / "captures"
 #: Longest input of each target: long enough for several records, short for speed.
 MAX_BYTES = dict.fromkeys(("asc", "candump", "console", "console_delta", "csv", "device_can", "device_table", "python_csv", "trc"), 256)
-MAX_BYTES |= dict.fromkeys(("serial", "device_serial", "command", "commands", "expression", "formula"), 128)
+MAX_BYTES |= dict.fromkeys(("serial", "device_serial", "traffic_can", "traffic_device", "traffic_serial", "command", "commands", "expression", "formula"), 128)
 MAX_BYTES |= dict.fromkeys(("blf", "pcap", "pcapng", "detect", "received", "truth", "forty_two"), 512)
 MAX_BYTES |= dict.fromkeys(("aem", "dbc", "faults", "reference", "reference_file", "request"), 1024)
 MAX_BYTES |= dict.fromkeys(("configuration", "device"), 3072) | {"input": 8192}
@@ -83,7 +83,7 @@ t_s,rate_deg_s
 1.0,1.6
 1.5,1.5
 """.split("\n\n")
-RECEIVED = "t_s,angle_x_arcsec,angle_y_arcsec,angle_z_arcsec,basis{}\n0.1,1.5,-2.0,1e-5,told{}\n0.2,0.0,0.0,0.0,held{}\n"
+RECEIVED = "t_s,angle_x_arcsec,angle_y_arcsec,angle_z_arcsec,basis{}\n0.1,1.5,-2.0,1e-5,held{}\n0.2,0.0,0.0,0.0,missing{}\n"
 REQUESTS = ["GET /api/status\n\n", "GET /api/catalogue\nhost: localhost:8470\norigin: http://localhost:8470\n\n", "DELETE /api/faults/a%20b\n\n",
             "GET /index.html?token=x\nhost: 127.0.0.1:8470\nauthorization: Bearer x\n\n"]
 BODIES = {
@@ -186,6 +186,9 @@ def seeds(geu, names):
         "reference_file": [bytes([number]) + text for number in range(3) for text in references + ephemerides],
         "request": requests,
         "serial": [content + b"\x80\xff" for content in unit_serial],
+        "traffic_can": [bytes(range(60)), b"\0\1\0\0\0\1\2\3\4" * 5 + b"\x80\xff"],
+        "traffic_device": [bytes([number]) + bytes(range(40)) for number in range(6)],
+        "traffic_serial": [bytes(range(60)), b"\0\1\0\0\0\1\2\3\4" * 5 + b"\x80\xff"],
         "trc": lines("encoded-python-can.trc", 5),
         "truth": [TRUTH.encode() + b"\x80\xff"],
     }

@@ -5,7 +5,7 @@ use std::io::Write;
 use geu_protocol::capture::{CaptureRecord, Detected, Format, Frame, Timestamp, detect};
 use geu_recording::{Decoder, DecoderOptions, DeviceDecoder};
 
-use crate::decoded::capture;
+use crate::decoded::{capture, forked};
 use crate::{device, parts};
 
 /// A capture of the default unit.
@@ -15,7 +15,11 @@ pub fn unit(format: &str, data: &[u8]) {
     let decode = |parts: &[&[u8]], each: fn(&CaptureRecord)| {
         capture(Decoder::new(&DecoderOptions::default()), format, parts, each)
     };
-    assert_eq!(decode(&[content], reads_back), decode(&parts, |_| {}));
+    let whole = decode(&[content], reads_back);
+    assert_eq!(whole, decode(&parts, |_| {}));
+    if let Some(records) = forked(format, content, parts[0].len()..content.len() - parts[2].len()) {
+        assert_eq!(whole.0, records);
+    }
 }
 
 /// A capture, or a table, of the known unit that the first byte selects.

@@ -1,6 +1,7 @@
 //! What a decoder makes of an input, to be compared bit by bit.
 
 use std::fmt::Debug;
+use std::ops::Range;
 
 use geu_protocol::capture::{CaptureRecord, Format, Frame, MAX_EXCERPT, RecordPosition, Timestamp};
 use geu_recording::{Decode, DecodeAccount, Defect, DefectKind, DeviceSample, ReceivedSample, Sink};
@@ -118,6 +119,27 @@ fn records(format: &Format, parts: &[&[u8]], mut each: impl FnMut(RecordPosition
     }
     assert_eq!(reader.records(), records.len() as u64);
     records
+}
+
+/// Reads a capture with a fork of the reader for the whole lines of `part`, as a second thread does; `None` if the format has none.
+pub fn forked(format: &Format, content: &[u8], part: Range<usize>) -> Option<Records> {
+    let line_end = |at: usize| content[..at].iter().rposition(|&byte| byte == b'\n').map_or(0, |at| at + 1);
+    let (start, end) = (line_end(part.start), line_end(part.end));
+    let (mut reader, mut records) = (format.reader()?, Vec::new());
+    if start == 0 {
+        return None;
+    }
+    assert_eq!(
+        reader.read(&content[..start], false, &mut |at, record| records.push((at, Record::new(&record)))),
+        start
+    );
+    let (mut fork, before) = (reader.fork()?, reader.records());
+    let mut own = Vec::new();
+    assert_eq!(fork.read(&content[start..end], false, &mut |_, record| own.push(Record::new(&record))), end - start);
+    reader.skip(own.len() as u64);
+    records.extend((before + 1..).map(RecordPosition::Line).zip(own));
+    reader.read(&content[end..], true, &mut |at, record| records.push((at, Record::new(&record))));
+    Some(records)
 }
 
 /// Decodes a capture that arrives in these parts.

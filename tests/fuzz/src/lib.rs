@@ -10,6 +10,7 @@ mod model;
 mod serial;
 mod socket;
 mod table;
+mod traffic;
 
 pub type Target = fn(&[u8]);
 
@@ -43,6 +44,9 @@ pub const TARGETS: &[(&str, Target)] = &[
     ("reference_file", table::reference_file),
     ("request", socket::request),
     ("serial", serial::unit),
+    ("traffic_can", traffic::frames),
+    ("traffic_device", traffic::described),
+    ("traffic_serial", traffic::bytes),
     ("trc", |data| capture::unit("trc", data)),
     ("truth", |data| socket::truth(false, data)),
 ];
