@@ -53,9 +53,11 @@ pub struct DiagnosisCase<'a> {
     /// Fits of walks that recur.
     pub walks: Recent<FittedNoise>,
     /// Filters of the last noises of each channel: most fits have the same.
-    pub filters: [Mutex<VecDeque<(NoiseModel, Arc<Whitening>)>>; CHANNELS],
+    pub filters: [KeptFilters; CHANNELS],
 }
 
+/// Noises of a channel with their filters, the last first.
+pub type KeptFilters = Mutex<VecDeque<(NoiseModel, Arc<Whitening>)>>;
 /// Filters of a channel that are kept: of fits that take turns.
 const KEPT_FILTERS: usize = 4;
 

@@ -1,6 +1,6 @@
 //! The unit, sample by sample.
 
-use geu_protocol::{CommandResult, Gyros, command};
+use geu_protocol::{CommandResult, command};
 
 use geu_protocol::field::unit_flag;
 

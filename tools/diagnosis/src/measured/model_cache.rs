@@ -15,7 +15,7 @@ use super::series::{CHANNELS, Shifts, TIMING};
 /// Cached runs: a run for each free parameter of a few alternating states.
 const KEPT: usize = 24;
 
-/// Longest recording of which the motion is kept, two days: it takes 740 bytes a sample.
+/// Longest recording of which the motion is kept, two days: it takes 460 bytes a sample.
 const MAX_KEPT_SAMPLES: usize = 345_600;
 /// Samples that all gyros count before the next ones: their motion fits into the cache of a core.
 const AT_ONCE: usize = 100;
