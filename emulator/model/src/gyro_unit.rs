@@ -24,11 +24,11 @@ use crate::effect::{GyroEffects, Probe, SampleTiming, Temperatures, UnitEffects,
 use crate::fault::EffectList;
 use crate::fault::catalogue::UnitFault;
 use crate::fault::engine::FaultEngine;
-use crate::package::{ComputedParts, Package, ResolvedGyro, SubStep, Trace};
+use crate::package::{Package, ResolvedGyro, SubStep, Trace};
 use crate::temperature::Sensor;
 use crate::time_profile::Interval;
 pub use command::CommandResponse;
-pub use following::MeasuredTemperatures;
+pub use following::{FollowedSamples, FollowingGyro, MeasuredTemperatures, SomeSamples, SubSteps};
 pub use injection::InjectionRecord;
 pub use sample::{CompletedSample, Outputs};
 pub use truth::Truth;
@@ -98,8 +98,6 @@ pub struct GyroUnit {
     truth: Motion,
     package: Package,
     channels: Vec<Channel>,
-    /// Parts of each gyro that are computed.
-    computed: Vec<ComputedParts>,
     /// Motion over the sub-steps of a sample.
     steps: Vec<SubStep>,
     wiring: WiringStates,
@@ -142,7 +140,6 @@ impl GyroUnit {
             truth,
             package: Package::start(configuration.seed, device.gyros()),
             channels: vec![Channel { power: Power::On(0), accumulated: 0.0 }; heads],
-            computed: vec![ComputedParts::ALL; heads],
             steps: vec![SubStep::default(); (device.interval_s / SUB_STEP_S - 1e-9).ceil().max(1.0) as usize],
             wiring: WiringStates::default(),
             configuration: Arc::new(configuration.clone()),
@@ -327,11 +324,9 @@ impl GyroUnit {
             let gyro = Some(head.gyro);
             ResolvedGyro {
                 head,
-                computed: self.computed[index],
                 calibration: &gyros[index].calibration,
                 effects: match faults.moves(EffectList::Head, gyro) {
                     _ if place >= heads => &gyros[index].effects.constant,
-                    false if !self.computed[index].is_counted => &gyros[index].effects.constant,
                     false => gyros[index].effects.resolve(interval, storage),
                     true => storage.insert(faults.moved(gyros[index].effects.at(interval), EffectList::Head, gyro)),
                 },
@@ -351,16 +346,11 @@ impl GyroUnit {
 
     /// Schedules the end of the sample interval that begins: 1/(1 + ε) of its nominal length after its start, true time.
     fn schedule_end(&mut self) {
-        let (configured, interval_s) = (&self.configuration.unit, self.configuration.device.interval_s);
-        let at_start = || {
-            let start_s = self.start_fs as f64 * 1e-15;
-            let temperatures = self.temperatures(start_s + 0.5 * interval_s);
-            configured.at(&temperatures.interval(start_s, start_s + interval_s))
-        };
-        let effects = if configured.courses.is_empty() { configured.constant } else { at_start() };
+        let effects = unit_effects(&self.configuration, self.start_fs as f64 * 1e-15, |t_s| self.temperatures(t_s));
         self.unit = self.faults.moved(effects, EffectList::Unit, None);
-        self.timing = self.unit.timing().last().copied().unwrap_or_default();
-        self.end_fs = self.start_fs + (interval_s * FS / (1.0 + self.timing.clock_error)).round() as i128;
+        self.timing = self.unit.shared_timing();
+        self.end_fs = self.start_fs
+            + (self.configuration.device.interval_s * FS / (1.0 + self.timing.clock_error)).round() as i128;
     }
 
     /// Sample intervals of a spin-up.
@@ -374,4 +364,17 @@ impl GyroUnit {
             None => Temperatures::from_course(&self.configuration.electronics, t_s, self.sensor.temperature_c),
         }
     }
+}
+
+/// Effects of the unit over the sample interval that begins then, true time since the start of the first.
+fn unit_effects(
+    configuration: &Configuration,
+    start_s: f64,
+    temperatures: impl Fn(f64) -> Temperatures,
+) -> UnitEffects {
+    let (unit, interval_s) = (&configuration.unit, configuration.device.interval_s);
+    if unit.courses.is_empty() {
+        return unit.constant;
+    }
+    unit.at(&temperatures(start_s + 0.5 * interval_s).interval(start_s, start_s + interval_s))
 }

@@ -28,6 +28,9 @@ pub mod time_profile;
 pub mod units;
 
 pub use configuration::Configuration;
-pub use gyro_unit::{CommandResponse, CompletedSample, GyroUnit, InjectionRecord, MeasuredTemperatures, Truth};
+pub use gyro_unit::{
+    CommandResponse, CompletedSample, FollowedSamples, FollowingGyro, GyroUnit, InjectionRecord, MeasuredTemperatures,
+    SomeSamples, SubSteps, Truth,
+};
 pub use package::Trace;
 pub use simulation::Simulation;

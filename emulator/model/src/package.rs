@@ -115,25 +115,10 @@ impl Probe for Trace {
     }
 }
 
-/// Parts of a gyro that are computed.
-#[derive(Debug, Clone, Copy)]
-pub struct ComputedParts {
-    /// False if its counts are not computed.
-    pub is_counted: bool,
-    /// Effects that may act, as bits in the order of [`GyroEffects::SPECS`].
-    pub effects: u32,
-}
-
-impl ComputedParts {
-    /// All of them.
-    pub const ALL: ComputedParts = ComputedParts { is_counted: true, effects: u32::MAX };
-}
-
 /// One gyro of the package as it stands over a sample interval.
 #[derive(Clone, Copy)]
 pub struct ResolvedGyro<'a> {
     pub head: &'a Head,
-    pub computed: ComputedParts,
     pub calibration: &'a Calibration,
     pub effects: &'a GyroEffects,
     pub discovered: &'a [Term],
@@ -159,7 +144,7 @@ impl Package {
         Package { heads: gyros.map(|gyro| HeadStates::start(seed, gyro)).collect(), unit: UnitStates::default() }
     }
 
-    /// Counts one sample: N = (M Δφ + … − D)/SF over its sub-steps, as real numbers; 0 for a gyro that is not counted.
+    /// Counts one sample: N = (M Δφ + … − D)/SF over its sub-steps, as real numbers.
     /// `truths` is the true motion of each sub-step, where it is not what is counted and a tap looks.
     #[inline]
     pub fn count<T: Probe>(
@@ -172,34 +157,25 @@ impl Package {
         taps: &mut [T],
     ) -> [f64; MAX_HEADS] {
         let length_s: f64 = steps.iter().map(|step| step.counted.length_s).sum();
-        for (gyro, states) in gyros.iter().zip(&mut self.heads).filter(|(gyro, _)| gyro.computed.effects != 0) {
-            gyro.effects.begin(gyro.computed.effects, states, temperatures, length_s);
+        for (gyro, states) in gyros.iter().zip(&mut self.heads) {
+            gyro.effects.begin(states, temperatures, length_s);
         }
         let timings = unit.timing();
-        let timing = timings.last().copied().unwrap_or_default();
+        let timing = unit.shared_timing();
         let mut counts = [0.0; MAX_HEADS];
         let mut heads = [GyroSubStep::default(); MAX_HEADS];
         let heads = &mut heads[..gyros.len()];
-        for (index, SubStep { counted: step, end_s }) in steps.iter().enumerate() {
+        for (index, sub_step) in steps.iter().enumerate() {
+            let step = &sub_step.counted;
             for (head, gyro) in heads.iter_mut().zip(gyros) {
-                *head = match gyro.computed.is_counted {
-                    true => calibrated(gyro, step),
-                    false => GyroSubStep::default(),
-                };
+                *head = calibrated(gyro.head, gyro.calibration, step.angle_control_arcsec, step.length_s);
             }
             if T::LOOKS {
                 look_at_start(taps, heads, gyros, &timings, [truths.get(index).unwrap_or(step), step]);
             }
             unit.apply(&mut self.unit, heads, gyros, step, taps);
-            let counted = heads.iter_mut().zip(gyros).enumerate().filter(|(_, (_, gyro))| gyro.computed.is_counted);
-            for (index, (head, gyro)) in counted {
-                let surroundings = EffectInputs {
-                    step,
-                    axes: &gyro.head.axes,
-                    temperatures,
-                    end_s: *end_s,
-                    full_scale_arcsec_s: gyro.head.full_scale_arcsec_s,
-                };
+            for (index, (head, gyro)) in heads.iter_mut().zip(gyros).enumerate() {
+                let surroundings = EffectInputs::new(sub_step, gyro.head, temperatures);
                 let tap = &mut taps[index];
                 if !gyro.discovered.is_empty() {
                     discovered::apply(gyro.discovered, head, &surroundings);
@@ -207,7 +183,7 @@ impl Package {
                         tap.after(DISCOVERED_COLUMN, head.counts(&SampleTiming::default()));
                     }
                 }
-                gyro.effects.apply(gyro.computed.effects, &mut self.heads[index], head, &surroundings, tap);
+                gyro.effects.apply(&mut self.heads[index], head, &surroundings, tap);
                 counts[index] += head.counts(&timing);
                 if T::LOOKS {
                     for (column, timing) in timings.iter().enumerate() {
@@ -222,14 +198,12 @@ impl Package {
 
 /// The head with its calibration alone.
 #[inline]
-fn calibrated(gyro: &ResolvedGyro, step: &MotionStep) -> GyroSubStep {
-    let ResolvedGyro { head, calibration, .. } = gyro;
-    let angle = step.angle_control_arcsec;
+pub(crate) fn calibrated(head: &Head, calibration: &Calibration, angle: [f64; 3], length_s: f64) -> GyroSubStep {
     let offset = [calibration.x_arcsec, calibration.y_arcsec, calibration.z_arcsec];
     GyroSubStep {
         input_arcsec: head.axes.about_input(angle) + dot(offset, angle) / ARCSEC_PER_RAD,
         added_arcsec: 0.0,
-        drift_arcsec: calibration.drift_arcsec_per_half_s * (step.length_s / SAMPLE_INTERVAL_S),
+        drift_arcsec: calibration.drift_arcsec_per_half_s * (length_s / SAMPLE_INTERVAL_S),
         scale_factor: calibration.scale_factor * head.count_arcsec,
         added_counts: 0.0,
     }

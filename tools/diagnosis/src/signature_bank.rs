@@ -208,9 +208,9 @@ impl SignatureBank {
     pub fn formulas(&self, measured: &MeasuredData, configuration: &Configuration) -> SignatureBank {
         let all = Formula::all();
         let none: Arc<[f64]> = Arc::default();
-        let of_gyro = |gyro: usize, arcsec: &[f64]| -> Arc<[f64]> {
-            let per_count = configuration.gyros[gyro].calibration.scale_factor;
-            arcsec.iter().map(|arcsec| arcsec / per_count).collect()
+        let of_gyro = |gyro: usize, arcsec: &Arc<[f64]>| match configuration.gyros[gyro].calibration.scale_factor {
+            1.0 => arcsec.clone(),
+            per_count => arcsec.iter().map(|arcsec| arcsec / per_count).collect(),
         };
         let signature = |(formula, arcsec): (&Formula, [Arc<[f64]>; TIMING])| ConstantSignature {
             amplitude: AmplitudeRef::term(*formula),

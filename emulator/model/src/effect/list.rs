@@ -181,6 +181,12 @@ macro_rules! unit_effects {
                 [$({ $field.timing(&mut timing); timing }),*]
             }
 
+            /// The unit's time after all effects.
+            #[inline]
+            pub fn shared_timing(&self) -> SampleTiming {
+                self.timing().last().copied().unwrap_or_default()
+            }
+
             /// Lets every effect act on the heads, in order.
             #[inline]
             pub fn apply<T: Probe>(&self, states: &mut UnitStates, heads: &mut [GyroSubStep], gyros: &[ResolvedGyro], step: &MotionStep, taps: &mut [T]) {
@@ -225,43 +231,61 @@ macro_rules! head_effects {
         }
 
         impl GyroEffects {
-            /// Before the first sub-step of a sample of true length `length_s`: effects that have a bit in `active`.
+            /// Before the first sub-step of a sample of true length `length_s`.
             #[inline]
-            pub fn begin(&self, active: u32, states: &mut HeadStates, temperatures: &Temperatures, length_s: f64) {
+            pub fn begin(&self, states: &mut HeadStates, temperatures: &Temperatures, length_s: f64) {
                 let Self { $($field),* } = self;
-                let mut bit = 1;
-                $(
-                    if active & bit != 0 {
-                        $field.begin(&mut states.$field, temperatures, length_s);
-                    }
-                    bit = bit.wrapping_shl(1);
-                )*
-                let _ = bit;
+                $($field.begin(&mut states.$field, temperatures, length_s);)*
             }
 
-            /// Lets the effects act on the head, in order, that have a bit in `active`.
+            /// Lets every effect act on the head, in order.
             #[inline]
             pub fn apply<T: Probe>(
                 &self,
-                active: u32,
                 states: &mut HeadStates,
                 head: &mut GyroSubStep,
                 surroundings: &EffectInputs,
                 tap: &mut T,
             ) {
-                const { assert!(GyroEffects::SPECS.len() <= u32::BITS as usize) };
                 let Self { $($field),* } = self;
                 let mut column = HEAD_COLUMNS;
                 $(
-                    if active & (1 << (column - HEAD_COLUMNS)) != 0 {
-                        $field.apply(&mut states.$field, head, surroundings);
-                    }
+                    $field.apply(&mut states.$field, head, surroundings);
                     if T::LOOKS {
                         tap.after(column, head.counts(&SampleTiming::default()));
                     }
                     column += 1;
                 )*
                 let _ = column;
+            }
+
+            /// Lets the effects that have a bit in `active` act over the sub-steps of several samples, one effect after the other: they
+            /// share the head of a sub-step alone.
+            pub fn apply_over<'a, S: Iterator<Item = (Temperatures, Interval, SubSteps<'a>)>>(
+                configuration: &EffectConfiguration<GyroEffects>,
+                active: u32,
+                states: &mut HeadStates,
+                head: &Head,
+                samples: impl Fn() -> S,
+                heads: &mut [GyroSubStep],
+            ) {
+                const { assert!(GyroEffects::SPECS.len() <= u32::BITS as usize) };
+                let mut index = 0;
+                $(
+                    if active & (1 << index) != 0 {
+                        let has_course = configuration.courses.iter().any(|course| course.effect == index);
+                        let mut heads = heads.iter_mut();
+                        for (temperatures, interval, steps) in samples() {
+                            let own = if has_course { configuration.at(&interval).$field } else { configuration.constant.$field };
+                            own.begin(&mut states.$field, &temperatures, steps.length_s());
+                            for (step, own_head) in steps.iter().zip(&mut heads) {
+                                own.apply(&mut states.$field, own_head, &EffectInputs::new(&step, head, &temperatures));
+                            }
+                        }
+                    }
+                    index += 1;
+                )*
+                let _ = index;
             }
         }
     };

@@ -63,7 +63,7 @@ mod tests {
     use crate::attitude::MotionState;
     use crate::device::Device;
     use crate::effect::GyroEffects;
-    use crate::package::{Calibration, ComputedParts};
+    use crate::package::Calibration;
 
     #[test]
     fn the_turn_settles_after_a_scan_with_its_time_constant() {
@@ -84,7 +84,6 @@ mod tests {
             .iter()
             .map(|head| ResolvedGyro {
                 head,
-                computed: ComputedParts::ALL,
                 calibration: &parts.0,
                 effects: &parts.1,
                 discovered: &[],

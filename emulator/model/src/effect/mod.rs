@@ -21,8 +21,9 @@ use geu_protocol::Gyro;
 pub use list::{EffectConfiguration, Effects};
 
 use crate::attitude::MotionStep;
-use crate::device::MAX_HEADS;
-use crate::package::{Axes, ResolvedGyro};
+use crate::device::{Head, MAX_HEADS};
+use crate::gyro_unit::SubSteps;
+use crate::package::{Axes, ResolvedGyro, SubStep};
 use crate::parameter_spec::ParameterSet;
 use crate::temperature::ElectronicsCourse;
 use crate::time_profile::Interval;
@@ -154,6 +155,16 @@ pub struct EffectInputs<'a> {
     pub end_s: f64,
     /// Largest rate of the unit.
     pub full_scale_arcsec_s: f64,
+}
+
+impl<'a> EffectInputs<'a> {
+    /// Of the gyro of a head over a sub-step.
+    #[inline]
+    pub fn new(step: &'a SubStep, head: &'a Head, temperatures: &'a Temperatures) -> EffectInputs<'a> {
+        let Head { axes, full_scale_arcsec_s, .. } = head;
+        let (end_s, full_scale_arcsec_s) = (step.end_s, *full_scale_arcsec_s);
+        EffectInputs { step: &step.counted, axes, temperatures, end_s, full_scale_arcsec_s }
+    }
 }
 
 /// An effect on the whole unit.

@@ -7,17 +7,18 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use geu_model::attitude::RecordedAttitude;
 use geu_model::configuration::GyroConfiguration;
-use geu_model::package::SubStep;
 use geu_model::temperature::ElectronicsCourse;
-use geu_model::{Configuration, GyroUnit, MeasuredTemperatures};
+use geu_model::{Configuration, FollowedSamples, GyroUnit, MeasuredTemperatures, SomeSamples};
 
 use super::series::{CHANNELS, Shifts, TIMING};
 
 /// Cached runs: a run for each free parameter of a few alternating states.
 const KEPT: usize = 24;
 
-/// Longest recording of which the motion is kept, two days: it takes 680 bytes a sample.
+/// Longest recording of which the motion is kept, two days: it takes 460 bytes a sample.
 const MAX_KEPT_SAMPLES: usize = 345_600;
+/// Samples that all gyros count before the next ones: their motion fits into the cache of a core.
+const AT_ONCE: usize = 100;
 
 /// The last runs on one recording.
 #[derive(Debug, Default)]
@@ -26,8 +27,8 @@ pub(super) struct ModelCache {
     kept: Mutex<Vec<CachedRun>>,
     /// The motion delayed by the last lag.
     delayed: Mutex<Option<(f64, Arc<RecordedAttitude>)>>,
-    /// The sub-steps of that motion, for units that keep time.
-    sub_steps: Mutex<Option<(f64, Arc<Vec<SubStep>>)>>,
+    /// The samples on that motion, for units that keep time.
+    followed: Mutex<Option<(f64, Arc<FollowedSamples>)>>,
     /// The measured temperatures with the last delay and the reference temperature.
     temperatures: Mutex<Option<([f64; 2], Arc<MeasuredTemperatures>)>>,
 }
@@ -71,17 +72,25 @@ impl ModelCache {
         }
     }
 
-    /// The sub-steps of the motion delayed by a lag; `None` for a unit that does not keep time.
-    pub(super) fn sub_steps(&self, unit: &GyroUnit, lag_s: f64, samples: usize) -> Option<Arc<Vec<SubStep>>> {
-        let mut kept = self.sub_steps.lock().unwrap_or_else(PoisonError::into_inner);
-        match &*kept {
-            _ if samples > MAX_KEPT_SAMPLES || !unit.keeps_time() => None,
-            Some((own_s, steps)) if *own_s == lag_s => Some(steps.clone()),
-            _ => {
-                *kept = None;
-                Some(kept.insert((lag_s, Arc::new(unit.sub_steps(samples)))).1.clone())
+    /// Passes the next samples of a unit on the motion delayed by a lag to `count`, some at a time.
+    pub(super) fn follow(&self, mut unit: GyroUnit, lag_s: f64, samples: usize, mut count: impl FnMut(SomeSamples)) {
+        if !unit.keeps_time() || samples > MAX_KEPT_SAMPLES {
+            for from in (0..samples).step_by(AT_ONCE) {
+                unit.follow(AT_ONCE.min(samples - from)).chunks(AT_ONCE).for_each(&mut count);
             }
+            return;
         }
+        let followed = {
+            let mut kept = self.followed.lock().unwrap_or_else(PoisonError::into_inner);
+            match &*kept {
+                Some((own_s, followed)) if *own_s == lag_s => followed.clone(),
+                _ => {
+                    *kept = None;
+                    kept.insert((lag_s, Arc::new(unit.follow(samples)))).1.clone()
+                }
+            }
+        };
+        followed.chunks(AT_ONCE).for_each(count);
     }
 
     /// The measured temperatures with a delay.

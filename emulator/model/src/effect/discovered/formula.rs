@@ -116,6 +116,17 @@ impl Formula {
         product
     }
 
+    /// As [`Formula::value`], for several values of the regressors.
+    pub fn values<'a>(&self, values: impl Fn(Regressor) -> &'a [f64], products: &mut [f64]) {
+        products.fill(1.0);
+        for Factor { regressor, power } in self.factors.iter().flatten() {
+            let values = values(*regressor);
+            for _ in 0..*power {
+                products.iter_mut().zip(values).for_each(|(product, value)| *product *= value);
+            }
+        }
+    }
+
     /// Unit of a coefficient, which makes a sensed rate of it: `1/(arcsec/s)` for `rate_y^2`.
     pub fn unit(&self) -> String {
         let mut powers: Vec<(&str, usize)> = Vec::new();
