@@ -16,7 +16,7 @@ use std::sync::OnceLock;
 use crate::measured::Block;
 use crate::rounding::BlockRounding;
 
-use covariance::{Covariance, OfState, SLOW, slow_decays};
+use covariance::{Covariance, OfState, RATES, SLOW, slow_decays};
 pub use tails::{Forms, Tail, TailProducts};
 
 /// Noise of one channel.
@@ -69,9 +69,23 @@ pub struct Whitening {
 impl Whitening {
     /// The filter of this noise over these blocks of equal length with this rounding.
     pub fn new(noise: &NoiseModel, blocks: &[Block], rounding: &[BlockRounding], block_s: f64) -> Whitening {
-        let mut covariance = Covariance::new(noise, rounding.first().map_or(0.0, |first| first.variance), block_s);
+        match noise.flicker > 0.0 {
+            true => Whitening::with_rates::<RATES>(noise, blocks, rounding, block_s),
+            false => Whitening::with_rates::<1>(noise, blocks, rounding, block_s),
+        }
+    }
+
+    fn with_rates<const RATES: usize>(
+        noise: &NoiseModel,
+        blocks: &[Block],
+        rounding: &[BlockRounding],
+        block_s: f64,
+    ) -> Whitening {
+        let has_flicker = RATES > 1;
+        let variance = rounding.first().map_or(0.0, |first| first.variance);
+        let mut covariance = Covariance::<RATES>::new(noise, variance, block_s);
         let (mut anew, mut log_determinant) = (true, 0.0);
-        let mut slow_gains = Vec::with_capacity(if covariance.has_flicker() { blocks.len() } else { 0 });
+        let mut slow_gains = Vec::with_capacity(if has_flicker { blocks.len() } else { 0 });
         let step = |(number, block): (usize, &Block)| {
             let (own, white) = (rounding[number], noise.white * rounding[number].white_scale);
             let walk = covariance.angle_walk * own.walk_scale;
@@ -102,7 +116,7 @@ impl Whitening {
             gains.error *= persistence;
             let remainder = 1.0 - gains.angle - covariance.turn_to_mean(&gains) - gains.error;
             let (turn, slow) = covariance.turns(&gains);
-            slow_gains.extend(covariance.has_flicker().then_some(slow));
+            slow_gains.extend(has_flicker.then_some(slow));
             Step { remainder, gains: [turn, gains.error], persistence, weight }
         };
         let steps = blocks.iter().enumerate().map(step).collect();

@@ -14,11 +14,8 @@ const VARIANCE: f64 = (BLOCK as f64 + 1.0) * (2.0 * BLOCK as f64 + 1.0) / (6.0 *
 pub const SLOW: usize = CORRELATION_TIMES_S.len() - 2;
 /// Variance of a free drift's turn over a block, as a multiple of that of the block's noise: half of the digits of a number.
 const FREE: f64 = 1e8;
-/// Rates of the filter: a random walk, and those processes.
-const RATES: usize = 1 + SLOW;
-
-/// A value for each rate.
-type OfRates = [f64; RATES];
+/// Rates of the filter with flicker: a random walk, and those processes.
+pub const RATES: usize = 1 + SLOW;
 
 /// A rate over one block.
 #[derive(Debug, Clone, Copy)]
@@ -62,47 +59,54 @@ pub fn slow_decays(block_s: f64) -> [f64; SLOW] {
 }
 
 /// A value for each part of the state at the end of a block.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct OfState {
+#[derive(Debug, Clone, Copy)]
+pub struct OfState<const RATES: usize> {
     pub angle: f64,
-    rates: OfRates,
+    rates: [f64; RATES],
     pub error: f64,
 }
 
+impl<const RATES: usize> Default for OfState<RATES> {
+    fn default() -> Self {
+        OfState { angle: 0.0, rates: [0.0; RATES], error: 0.0 }
+    }
+}
+
 /// The average of a block.
-pub struct Average {
+pub struct Average<const RATES: usize> {
     /// Covariances with the state.
-    with: OfState,
+    with: OfState<RATES>,
     /// Variance.
     pub variance: f64,
 }
 
 /// The covariance of angle (a), rates (r) and rounding error (e). At the start the angle is free, since a common time shift changes the
 /// angle before.
-pub struct Covariance {
+pub struct Covariance<const RATES: usize> {
     block_s: f64,
-    rates: Vec<Rate>,
+    rates: [Rate; RATES],
     /// Growth of the angle's variance over a block by angle random walk and flicker.
     pub angle_walk: f64,
     aa: f64,
-    ar: OfRates,
-    rr: [OfRates; RATES],
+    ar: [f64; RATES],
+    rr: [[f64; RATES]; RATES],
     ae: f64,
-    re: OfRates,
+    re: [f64; RATES],
     ee: f64,
 }
 
-impl Covariance {
-    /// At the start of a recording of such blocks, with this variance of the rounding error.
-    pub fn new(noise: &NoiseModel, rounding: f64, block_s: f64) -> Covariance {
+impl<const RATES: usize> Covariance<RATES> {
+    /// At the start of a recording of such blocks, with this variance of the rounding error; without flicker it has one rate.
+    pub fn new(noise: &NoiseModel, rounding: f64, block_s: f64) -> Self {
         let process = (SIGMA * noise.flicker / S_PER_H).powi(2);
         let [fast_s, slow_s] = [CORRELATION_TIMES_S[0], CORRELATION_TIMES_S[CORRELATION_TIMES_S.len() - 1]];
         // The fastest process of the flicker is an angle random walk, the slowest a rate random walk.
         let angle_walk = block_s * (noise.angle_walk.powi(2) + 2.0 * process * fast_s);
         let walk = Rate::walk(noise.rate_walk.powi(2) + 2.0 * process / slow_s, block_s);
-        let slow = CORRELATION_TIMES_S[1..=SLOW].iter().filter(|_| noise.flicker > 0.0);
-        let rates: Vec<Rate> =
-            std::iter::once(walk).chain(slow.map(|time_s| Rate::process(process, *time_s, block_s))).collect();
+        let rates: [Rate; RATES] = std::array::from_fn(|rate| match rate {
+            0 => walk,
+            _ => Rate::process(process, CORRELATION_TIMES_S[rate], block_s),
+        });
         let mut rr = [[0.0; RATES]; RATES];
         rates.iter().enumerate().for_each(|(rate, own)| rr[rate][rate] = own.start);
         Covariance {
@@ -118,27 +122,22 @@ impl Covariance {
         }
     }
 
-    /// True with flicker.
-    pub fn has_flicker(&self) -> bool {
-        self.rates.len() > 1
-    }
-
     /// Turn with these rates up to the mean time of the average, 0, or up to the end, 1.
-    fn turn(&self, values: &OfRates, end: usize) -> f64 {
+    fn turn(&self, values: &[f64; RATES], end: usize) -> f64 {
         self.rates.iter().zip(values).map(|(rate, value)| rate.turns_s[end] * value).sum()
     }
 
     /// Covariance of that turn with each rate at the start.
-    fn turned(&self, end: usize) -> OfRates {
+    fn turned(&self, end: usize) -> [f64; RATES] {
         let mut turned = [0.0; RATES];
-        for (own, turned) in turned.iter_mut().enumerate().take(self.rates.len()) {
+        for (own, turned) in turned.iter_mut().enumerate() {
             *turned = self.rates.iter().zip(&self.rr).map(|(rate, with)| rate.turns_s[end] * with[own]).sum();
         }
         turned
     }
 
     /// The average of a block in which the angle's variance grows by `angle`, with additional white noise. Moves the state to the end of the block.
-    pub fn advance(&mut self, angle: f64, white: f64) -> Average {
+    pub fn advance(&mut self, angle: f64, white: f64) -> Average<RATES> {
         let [at_mean, at_end] = [0, 1].map(|end| self.turned(end));
         let mut rates = [0.0; RATES];
         for (rate, own) in self.rates.iter().enumerate() {
@@ -172,20 +171,19 @@ impl Covariance {
     }
 
     /// Takes the average of the block as the angle: that at the end is the average and what came after its mean time.
-    pub fn restart(&mut self, angle: f64, white: f64) -> OfState {
-        let (left_s, count) = (self.block_s - MEAN * self.block_s, self.rates.len());
+    pub fn restart(&mut self, angle: f64, white: f64) -> OfState<RATES> {
+        let left_s = self.block_s - MEAN * self.block_s;
         let rest = (1.0 - 2.0 * MEAN + VARIANCE) * angle;
-        let summed: OfRates = std::array::from_fn(|rate| self.rr[..count].iter().map(|with| with[rate]).sum());
-        let errors: f64 = self.re[..count].iter().sum();
-        self.aa =
-            white + rest + left_s * left_s * summed[..count].iter().sum::<f64>() + self.ee - 2.0 * left_s * errors;
+        let summed: [f64; RATES] = std::array::from_fn(|rate| self.rr.iter().map(|with| with[rate]).sum());
+        let errors: f64 = self.re.iter().sum();
+        self.aa = white + rest + left_s * left_s * summed.iter().sum::<f64>() + self.ee - 2.0 * left_s * errors;
         self.ar = std::array::from_fn(|rate| left_s * summed[rate] - self.re[rate]);
         self.ae = left_s * errors - self.ee;
         OfState { angle: 1.0, ..OfState::default() }
     }
 
     /// Takes the average into account.
-    pub fn correct(&mut self, average: &Average) -> OfState {
+    pub fn correct(&mut self, average: &Average<RATES>) -> OfState<RATES> {
         let Average { with, variance } = average;
         let gains = OfState {
             angle: with.angle / variance,
@@ -195,10 +193,10 @@ impl Covariance {
         self.aa -= gains.angle * with.angle;
         self.ae -= gains.angle * with.error;
         self.ee -= gains.error * with.error;
-        for rate in 0..self.rates.len() {
+        for rate in 0..RATES {
             self.ar[rate] -= gains.angle * with.rates[rate];
             self.re[rate] -= gains.rates[rate] * with.error;
-            for other in 0..self.rates.len() {
+            for other in 0..RATES {
                 self.rr[rate][other] -= gains.rates[rate] * with.rates[other];
             }
         }
@@ -213,12 +211,12 @@ impl Covariance {
     }
 
     /// Turn by an innovation with these gains, up to the mean time of the next block.
-    pub fn turn_to_mean(&self, gains: &OfState) -> f64 {
+    pub fn turn_to_mean(&self, gains: &OfState<RATES>) -> f64 {
         self.turn(&gains.rates, 0)
     }
 
     /// Turns by an innovation with these gains, from that average to the one after: by the random walk and by each slow process.
-    pub fn turns(&self, gains: &OfState) -> (f64, [f64; SLOW]) {
+    pub fn turns(&self, gains: &OfState<RATES>) -> (f64, [f64; SLOW]) {
         let of_rate = |rate: usize| {
             let own = self.rates.get(rate)?;
             Some((own.turns_s[1] + own.turns_s[0] * (own.left - 1.0)) * gains.rates[rate])
