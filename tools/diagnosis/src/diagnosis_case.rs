@@ -1,6 +1,7 @@
 //! A diagnosis of a recording, and the common fit of calibration parameters, lag and hypotheses to it, by Gauss–Newton steps. Each step
 //! runs the model from the start.
 
+use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use geu_model::Configuration;
@@ -14,7 +15,8 @@ use crate::fitted_hypothesis::FittedHypothesis;
 use crate::linear_signatures::LinearSignatures;
 use crate::measured::{CHANNELS, MeasuredData, ModelRun, Series, Shifts};
 use crate::model_state::ModelState;
-use crate::normal_equations::{NormalEquations, Nuisance, THIRDS};
+use crate::noise::FittedNoise;
+use crate::normal_equations::{Filters, NormalEquations, Nuisance, THIRDS};
 use crate::recent::Recent;
 use crate::rounding::{Rounding, rounding};
 use crate::signature::Signature;
@@ -48,12 +50,16 @@ pub struct DiagnosisCase<'a> {
     pub linear: LinearSignatures,
     /// Fits that recur.
     pub fits: Recent<ModelState>,
-    /// Filters of the last noise: most fits have the same.
-    pub filters: Mutex<Option<NoiseFilters>>,
+    /// Fits of walks that recur.
+    pub walks: Recent<FittedNoise>,
+    /// Filters of the last noises of each channel: most fits have the same.
+    pub filters: [KeptFilters; CHANNELS],
 }
 
-/// A noise and its whitening filters.
-pub type NoiseFilters = ([NoiseModel; CHANNELS], Arc<[Whitening; CHANNELS]>);
+/// Noises of a channel with their filters, the last first.
+pub type KeptFilters = Mutex<VecDeque<(NoiseModel, Arc<Whitening>)>>;
+/// Filters of a channel that are kept: of fits that take turns.
+const KEPT_FILTERS: usize = 4;
 
 /// A priori sigmas of scale factor, drift and projection: at the default unit the change of a scale factor at launch (Casteren table 1),
 /// and in proportion to it wider than an arcminute (§3.4) and a drift; else a tenth, a hundredth of the range, and 0.3 rad. They limit
@@ -82,8 +88,8 @@ impl<'a> DiagnosisCase<'a> {
         rounding: Arc<Rounding>,
     ) -> DiagnosisCase<'a> {
         let origin = vec![0.0; nuisances.len()];
-        let (linear, fits, filters) = Default::default();
-        DiagnosisCase { measured, nominal, nuisances, origin, rounding, linear, fits, filters }
+        let (linear, fits, walks, filters) = Default::default();
+        DiagnosisCase { measured, nominal, nuisances, origin, rounding, linear, fits, walks, filters }
     }
 
     /// Takes signatures and rounding along the path of a state; returns the path.
@@ -92,7 +98,7 @@ impl<'a> DiagnosisCase<'a> {
         self.origin = state.nuisances();
         let path = self.run(state);
         self.rounding = Arc::new(rounding(self.measured, &path));
-        (self.fits, self.filters) = Default::default();
+        (self.fits, self.walks, self.filters) = Default::default();
         path
     }
 
@@ -152,17 +158,19 @@ impl<'a> DiagnosisCase<'a> {
     }
 
     /// Whitening filters of a noise.
-    pub fn whitenings(&self, noise: &[NoiseModel; CHANNELS]) -> Arc<[Whitening; CHANNELS]> {
-        let last = || self.filters.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, filters)) = last().as_ref().filter(|(own, _)| own == noise) {
-            return filters.clone();
-        }
-        let filters = Arc::new(std::array::from_fn(|channel| {
-            let blocks = &self.measured.blocks[channel];
-            Whitening::new(&noise[channel], blocks, &self.rounding[channel], self.measured.block_s())
-        }));
-        *last() = Some((*noise, filters.clone()));
-        filters
+    pub fn whitenings(&self, noise: &[NoiseModel; CHANNELS]) -> Filters {
+        std::array::from_fn(|channel| {
+            let kept = || self.filters[channel].lock().unwrap_or_else(PoisonError::into_inner);
+            if let Some((_, filter)) = kept().iter().find(|(own, _)| *own == noise[channel]) {
+                return filter.clone();
+            }
+            let (blocks, rounding) = (&self.measured.blocks[channel], &self.rounding[channel]);
+            let filter = Arc::new(Whitening::new(&noise[channel], blocks, rounding, self.measured.block_s()));
+            let mut kept = kept();
+            kept.truncate(KEPT_FILTERS - 1);
+            kept.push_front((noise[channel], filter.clone()));
+            filter
+        })
     }
 
     /// The residual, and the signatures of all fitted parameters: nuisances, then the free parameters. Missing signatures are run and

@@ -3,6 +3,7 @@
 mod differences;
 mod minimum;
 mod uneven;
+mod walk_fits;
 
 use geu_checks::median;
 use std::borrow::Cow;
@@ -21,13 +22,12 @@ use crate::significance::MEDIAN_OF_NORMAL;
 use crate::whitening::{NoiseModel, Whitening};
 use minimum::{lowest, minimise};
 pub use uneven::scales;
+pub use walk_fits::{FittedNoise, WalkFits};
 
 /// Maximum number of iterations of a fit of walk and white noise.
 const ITERATIONS: usize = 12;
 /// Search range of the logarithm of a white noise in one iteration.
 const WHITE_RANGE: f64 = 1.0;
-/// A logarithm that changes by less has converged.
-const CONVERGED: f64 = 0.02;
 /// Blocks in which the white noise is estimated separately, ten minutes.
 const WINDOW: usize = 120;
 /// Minimum white noise in addition to rounding, counts²: a tenth of ten independent roundings, since the model's rate is not exact.
@@ -45,7 +45,7 @@ const GROWTH_STEP: f64 = 0.5;
 const WHITE_STEP: f64 = 0.1;
 
 /// A random walk or flicker that may be larger than configured.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Walk {
     /// Angle random walk.
     Angle,
@@ -177,17 +177,6 @@ fn second_differences(series: &[f64], blocks: &[Block], rounding: &[BlockRoundin
     let cut = variances.len() / 10;
     let middle = &variances[cut..variances.len() - cut];
     if middle.is_empty() { 0.0 } else { middle.iter().sum::<f64>() / middle.len() as f64 }
-}
-
-/// A fitted walk.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FittedNoise {
-    /// The noise with it.
-    pub noise: NoiseModel,
-    /// 1 sigma of the natural logarithm of the growth.
-    pub log_sigma: f64,
-    /// Reduction of −2 ln of the likelihood from the noise before.
-    pub fall: f64,
 }
 
 /// Nuisances of one channel, whitened by one noise.
@@ -323,48 +312,6 @@ fn start(case: &DiagnosisCase, channel: usize, noise: &NoiseModel, walk: Walk) -
         }
     };
     growth.is_finite().then(|| growth.ln())
-}
-
-/// Fits one walk of one channel together with the white noise. A walk that is no larger than `noise` has stays as it is.
-pub fn fit(
-    case: &DiagnosisCase,
-    channel: usize,
-    noise: &NoiseModel,
-    walk: Walk,
-    residual: &Series,
-    nuisances: &[Nuisance],
-) -> FittedNoise {
-    let deviance = deviance(case, channel, Cow::Borrowed(&case.measured.blocks[channel]), residual, nuisances);
-    let Some(start) = start(case, channel, noise, walk) else {
-        return FittedNoise { noise: *noise, log_sigma: f64::NAN, fall: 0.0 };
-    };
-    let with =
-        |log_walk: f64, log_white: f64| NoiseModel { white: log_white.exp(), ..noise.with(walk, log_walk.exp()) };
-    // A walk that is not likelier near its configured growth is not larger.
-    let now = deviance(noise);
-    let near = [0.5 * GROWTH_STEP, 2.0 * GROWTH_STEP];
-    if near.iter().all(|by| deviance(&with(start + by, noise.white.ln())) >= now) {
-        return FittedNoise { noise: *noise, log_sigma: f64::NAN, fall: 0.0 };
-    }
-    // Walk and white noise in turn until both converge: first over the whole range, then near the last value.
-    let (mut log_walk, mut log_white) = (start, noise.white.ln());
-    let (mut below, mut above) = (4.0, 7.0);
-    for _ in 0..ITERATIONS {
-        let before = log_walk;
-        log_walk = minimise(log_walk - below, log_walk + above, |log_walk| deviance(&with(log_walk, log_white)));
-        log_white = likeliest_white(case, channel, log_white, |log_white| deviance(&with(log_walk, log_white)));
-        (below, above) = (0.5, 0.5);
-        if (log_walk - before).abs() < CONVERGED {
-            break;
-        }
-    }
-    // Both likelihoods with their own white noise.
-    let before = deviance(&fit_white(case, channel, noise, residual, nuisances));
-    let best = deviance(&with(log_walk, log_white));
-    let step = 0.1;
-    let bend = deviance(&with(log_walk + step, log_white)) + deviance(&with(log_walk - step, log_white)) - 2.0 * best;
-    let log_sigma = (2.0 * step * step / bend.max(1e-9)).sqrt();
-    FittedNoise { noise: with(log_walk, log_white), log_sigma, fall: before - best }
 }
 
 /// By how much −2 ln of the likelihood falls if each third of the recording has a walk of its own; χ² of two degrees of freedom for a walk

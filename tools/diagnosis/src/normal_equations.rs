@@ -28,10 +28,13 @@ const MIN_INFORMATION: f64 = 0.2;
 /// Signature of a nuisance: averages over blocks for each channel that it reaches.
 pub type Nuisance = [Option<Vec<f64>>; CHANNELS];
 
+/// The whitening filter of each channel.
+pub type Filters = [Arc<Whitening>; CHANNELS];
+
 /// Normal equations of a whitened residual and its nuisances.
 #[derive(Debug, Clone)]
 pub struct NormalEquations {
-    whitenings: Arc<[Whitening; CHANNELS]>,
+    whitenings: Filters,
     /// Whitened residual.
     pub residual: Series,
     /// Whitened signatures of the nuisances.
@@ -61,7 +64,7 @@ impl NormalEquations {
     /// Whitens a residual and the nuisances. The calibration parameters, which are the first nuisances, have moved from their a priori values
     /// by the first number of `a_priori`; the second is their sigma.
     pub fn new(
-        whitenings: Arc<[Whitening; CHANNELS]>,
+        whitenings: Filters,
         residual: &Series,
         nuisances: &[Nuisance],
         a_priori: &[(f64, f64)],
@@ -326,12 +329,12 @@ impl NormalEquations {
 }
 
 /// Whitens the channels that a signature reaches, two at once.
-fn whitened(filters: &[Whitening; CHANNELS], from: usize, series: [Option<&[f64]>; CHANNELS]) -> Nuisance {
+fn whitened(filters: &Filters, from: usize, series: [Option<&[f64]>; CHANNELS]) -> Nuisance {
     let reached: Vec<_> = (0..CHANNELS).filter_map(|channel| Some((channel, series[channel]?))).collect();
     let mut white = Nuisance::default();
     for some in reached.chunks(2) {
         let both = [some[0], some[some.len() - 1]];
-        let values = Whitening::apply_each(both.map(|own| &filters[own.0]), from, both.map(|own| own.1));
+        let values = Whitening::apply_each(both.map(|own| &*filters[own.0]), from, both.map(|own| own.1));
         both.into_iter().zip(values).for_each(|((channel, _), values)| white[channel] = Some(values));
     }
     white

@@ -108,10 +108,11 @@ impl Signatures {
     /// Separation of the first hypothesis from each of the others, whichever of the two is true, if their amplitudes are `sizes`.
     pub fn separations(&self, noise: &[NoiseModel; CHANNELS], sizes: &[f64]) -> Vec<Separation> {
         let whitenings = std::array::from_fn(|channel| {
-            Whitening::new(&noise[channel], &self.blocks[channel], &self.rounding[channel], self.block_s)
+            let (blocks, rounding) = (&self.blocks[channel], &self.rounding[channel]);
+            Arc::new(Whitening::new(&noise[channel], blocks, rounding, self.block_s))
         });
         let zero: Series = self.blocks.each_ref().map(|blocks| vec![0.0; blocks.len()]);
-        let normal = NormalEquations::new(Arc::new(whitenings), &zero, &self.nuisances, &self.a_priori);
+        let normal = NormalEquations::new(whitenings, &zero, &self.nuisances, &self.a_priori);
         let white = |columns: &Vec<Nuisance>| columns.iter().map(|own| Signature::new(&normal, own)).collect();
         let white = |all: &[Vec<Nuisance>]| -> Vec<Vec<Signature>> { all.iter().map(white).collect() };
         let (parameters, truths) = (white(&self.parameters), white(&self.truths));

@@ -2,13 +2,15 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::sync::OnceLock;
 
 use rayon::prelude::*;
 
 use crate::diagnosis_case::DiagnosisCase;
 use crate::measured::{CHANNELS, Series, TIMING};
 use crate::model_state::ModelState;
-use crate::noise::{self, Walk};
+use crate::noise::{self, Walk, WalkFits};
 use crate::normal_equations::Nuisance;
 use crate::null_distribution::Thresholds;
 use crate::signature_bank::HypothesisFamily;
@@ -72,14 +74,30 @@ impl SelectedModel {
         let negligible: [f64; CHANNELS] =
             std::array::from_fn(|channel| if self.withholds(channel) { self.negligible(case) } else { 0.0 });
         let (residual, nuisances) = case.linearised(&mut self.state);
-        let fit = |&(channel, walk): &(usize, Walk)| {
-            let before = &self.state.noise[channel];
-            let fitted = noise::fit(case, channel, before, walk, &residual, &nuisances);
-            let is_larger = fitted.noise.walk(walk) > before.walk(walk) && fitted.fall > negligible[channel];
-            ((channel, walk), is_larger.then_some(IdentifiedNoise { channel, walk, before: before.walk(walk), fitted }))
+        let is_unknown = |own: &(usize, Walk)| !known.contains_key(own) && case.measured.is_usable(own.0);
+        let unknown: Vec<(usize, Walk)> = open.iter().copied().filter(is_unknown).collect();
+        // The same state is reached again: by the next pass, or before any effect.
+        let state = self.state.key();
+        let key = |own: &(usize, Walk)| {
+            let mut hasher = DefaultHasher::new();
+            (state, own).hash(&mut hasher);
+            hasher.finish()
         };
-        let unknown = open.par_iter().filter(|own| !known.contains_key(own) && case.measured.is_usable(own.0));
-        let fitted: Vec<_> = unknown.map(fit).collect();
+        let fits: [OnceLock<WalkFits>; CHANNELS] = Default::default();
+        let fit = |own: &(usize, Walk)| {
+            let (channel, walk) = *own;
+            let of_channel = || WalkFits::new(case, channel, self.state.noise[channel], &residual, &nuisances);
+            let fitted = || {
+                let fitted = fits[channel].get_or_init(of_channel).fit(walk);
+                case.walks.keep(key(own), &fitted);
+                fitted
+            };
+            let (before, fitted) =
+                (self.state.noise[channel].walk(walk), case.walks.find(key(own)).unwrap_or_else(fitted));
+            let is_larger = fitted.noise.walk(walk) > before && fitted.fall > negligible[channel];
+            (*own, is_larger.then_some(IdentifiedNoise { channel, walk, before, fitted }))
+        };
+        let fitted: Vec<_> = unknown.par_iter().map(fit).collect();
         known.extend(fitted);
         open.iter().filter_map(|own| known.get(own).copied().flatten()).collect()
     }
@@ -187,8 +205,8 @@ pub(super) fn drift_noise_fall(case: &DiagnosisCase, state: &mut ModelState, hyp
     }
     let (residual, nuisances) = case.linearised(state);
     let of_channel = |channel: usize| {
-        let of_walk = |walk| noise::fit(case, channel, &state.noise[channel], walk, &residual, &nuisances).fall;
-        [Walk::Rate, Walk::Flicker].into_iter().map(of_walk).fold(0.0, f64::max)
+        let fits = WalkFits::new(case, channel, state.noise[channel], &residual, &nuisances);
+        [Walk::Rate, Walk::Flicker].into_iter().map(|walk| fits.fit(walk).fall).fold(0.0, f64::max)
     };
     hypothesis.gyros.gyros().map(|gyro| of_channel(gyro.index())).sum()
 }
