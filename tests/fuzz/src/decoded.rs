@@ -126,7 +126,7 @@ pub fn forked(format: &Format, content: &[u8], part: Range<usize>) -> Option<Rec
     let line_end = |at: usize| content[..at].iter().rposition(|&byte| byte == b'\n').map_or(0, |at| at + 1);
     let (start, end) = (line_end(part.start), line_end(part.end));
     let (mut reader, mut records) = (format.reader()?, Vec::new());
-    if start == 0 {
+    if start == 0 || reader.fork().is_none() {
         return None;
     }
     assert_eq!(
