@@ -84,7 +84,8 @@ fn a_described_unit_decoded_by_several_threads_gives_the_bytes_of_one() {
     let mut simulate = geu();
     simulate.args(["simulate", "--device", "mm5.10", "--duration", "400", "--out"]).arg(&run);
     assert!(simulate.output().expect("geu starts").status.success());
-    let arguments = ["--device", "mm5.10", &run.join("link.log").to_string_lossy()];
+    let link = run.join("link.log");
+    let arguments = ["--device", "mm5.10", &link.to_string_lossy()];
     let one = decoded(directory.path(), "1", &arguments);
     assert!(one.0.len() > 1 << 20, "rows");
     assert!(decoded(directory.path(), "3", &arguments) == one);
