@@ -38,7 +38,7 @@ pub(crate) struct StreamLink {
 
 #[cfg(test)]
 impl StreamLink {
-    /// Counts the bytes and replies that wait for a client, the maximum of all clients; 0 while a thread has one of its locks.
+    /// Counts the bytes and replies that wait for a client, the maximum of all clients; 0 while a thread has a lock of it.
     pub fn count_waiting(&self) -> Box<dyn Fn() -> usize + Send + Sync> {
         let senders = self.senders.clone();
         Box::new(move || {

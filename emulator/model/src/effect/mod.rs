@@ -158,7 +158,7 @@ pub struct EffectInputs<'a> {
 }
 
 impl<'a> EffectInputs<'a> {
-    /// Of the gyro of a head over a sub-step.
+    /// Value for the gyro of a head over a sub-step.
     #[inline]
     pub fn new(step: &'a SubStep, head: &'a Head, temperatures: &'a Temperatures) -> EffectInputs<'a> {
         let Head { axes, full_scale_arcsec_s, .. } = head;

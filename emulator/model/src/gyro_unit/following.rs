@@ -182,7 +182,7 @@ pub struct FollowingGyro<'a> {
     /// Effects that are present, as bits in the order of [`GyroEffects::SPECS`].
     active: u32,
     states: HeadStates,
-    /// What the effects of the unit remember, if there are any.
+    /// Memory of the effects of the unit, if there are any.
     unit: Option<UnitStates>,
     /// Accumulated counts as a real number.
     accumulated: f64,

@@ -116,7 +116,7 @@ impl Formula {
         product
     }
 
-    /// As [`Formula::value`], for several values of the regressors.
+    /// Evaluates [`Formula::value`] for several values of the regressors.
     pub fn values<'a>(&self, values: impl Fn(Regressor) -> &'a [f64], products: &mut [f64]) {
         products.fill(1.0);
         for Factor { regressor, power } in self.factors.iter().flatten() {
