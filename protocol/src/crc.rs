@@ -23,19 +23,16 @@ const BEFORE_ZEROS: [u16; BLOCK] = {
     before
 };
 
-/// Zeros before the bytes make whole blocks of them, in half the steps.
+/// Zeros before fewer bytes than a block make it whole: one step in place of a step for each byte.
 #[inline]
 pub fn crc16(bytes: &[u8]) -> u16 {
-    let (first, rest) = bytes.split_at(bytes.len() % BLOCK);
+    if bytes.is_empty() || bytes.len() >= BLOCK {
+        return ENGINE.checksum(bytes);
+    }
     let mut block = [0; BLOCK];
-    block[BLOCK - first.len()..].copy_from_slice(first);
-    let mut digest = ENGINE.digest_with_initial(BEFORE_ZEROS[(BLOCK - first.len()) % BLOCK]);
-    if !first.is_empty() {
-        digest.update(&block);
-    }
-    if !rest.is_empty() {
-        digest.update(rest);
-    }
+    block[BLOCK - bytes.len()..].copy_from_slice(bytes);
+    let mut digest = ENGINE.digest_with_initial(BEFORE_ZEROS[BLOCK - bytes.len()]);
+    digest.update(&block);
     digest.finalize()
 }
 
