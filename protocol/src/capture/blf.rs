@@ -136,7 +136,7 @@ impl Reader for Blf {
         let is_cut = !objects.is_lost && (objects.skip > 0 || !is_padding(&objects.bytes));
         if self.content.is_none() && !is_padding(&bytes[at..]) {
             self.lost(&bytes[at..], sink);
-        } else if is_cut || self.content.is_some() {
+        } else if is_cut || self.content.as_ref().is_some_and(|content| content.encoding != Encoding::Ignored) {
             objects.abandon(sink);
         }
         bytes.len()

@@ -71,3 +71,12 @@ fn a_container_that_ends_in_an_object_is_reported_from_its_signature_in_any_chun
         }
     }
 }
+
+#[test]
+fn a_damaged_container_that_the_file_cuts_is_reported_once() {
+    let mut file = blf(&[container(2, &[0xFF; 40])]);
+    file.truncate(file.len() - 10);
+    for length in 1..200 {
+        assert_eq!(read(BLF, &file, length).len(), 1, "by {length}");
+    }
+}
