@@ -277,7 +277,9 @@ mod tests {
 
     #[test]
     fn numbers_are_those_of_the_standard_formatter() {
-        let powers = (0..20).map(|power| 10u64.pow(power)).flat_map(|power| [power - 1, power, power + 1, power * 7]);
+        let powers = (0..20)
+            .map(|power| 10u64.pow(power))
+            .flat_map(|power| [power - 1, power, power + 1, power.saturating_mul(7)]);
         for value in (0..70_000).chain(powers).chain([u64::MAX, (1 << 48) - 1]) {
             let mut line = Line::<false, 40>::new();
             line.unsigned(value);
