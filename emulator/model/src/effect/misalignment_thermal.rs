@@ -82,12 +82,7 @@ mod tests {
         let gyros: Vec<ResolvedGyro> = device
             .heads
             .iter()
-            .map(|head| ResolvedGyro {
-                head,
-                calibration: &parts.0,
-                effects: &parts.1,
-                discovered: &[],
-            })
+            .map(|head| ResolvedGyro { head, calibration: &parts.0, effects: &parts.1, discovered: &[] })
             .collect();
         let mut step = |from_deg: f64, to_deg: f64| {
             let at = |deg: f64| MotionState { theta_rad: deg * RAD_PER_DEG, ..MotionState::default() };
