@@ -235,7 +235,7 @@ fn plan_recording(
 async fn recording_deadline(stop: &Stop) {
     let start = Instant::now();
     let end = (stop.asked().await + RECORD_AFTER_ASKED).max(start + MIN_RECORD_TIME);
-    host::sleep(end - start).await;
+    host::sleep(end - Instant::now()).await;
 }
 
 /// Registers this emulator for clients; it runs without registration if that fails.
