@@ -1,4 +1,4 @@
-//! The host of the unit: its clock, threads, tasks, timers and locks, for everything that runs beside the cadence.
+//! The host of the unit: its clock, threads, tasks, timers and locks.
 //!
 //! In tests a simulated host can take its place ([`crate::simulation`]): one thread or task runs at a time, in an order that a
 //! seed decides, on a clock that advances only while all of them wait.

@@ -78,10 +78,10 @@ impl Status {
         })
     }
 
-    /// Memory that waits for the disk.
+    /// True if no more waits for the disk than permitted, or the recording has ended for that.
     #[cfg(test)]
-    pub fn waiting_bytes(&self) -> usize {
-        self.waiting_bytes.load(Relaxed)
+    pub fn is_bounded(&self) -> bool {
+        self.waiting_bytes.load(Relaxed) <= MAX_WAITING || self.ended.get().is_some()
     }
 
     /// True if a run without deadlines may continue.

@@ -5,6 +5,7 @@ use std::ops::Deref;
 use std::os::fd::{AsFd, AsRawFd, OwnedFd, RawFd};
 use std::sync::Arc;
 
+use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::unistd;
 use tokio::io::unix::{AsyncFd, AsyncFdReadyGuard};
@@ -56,40 +57,38 @@ impl Port {
 }
 
 /// A byte stream that the runtime watches.
-pub(crate) enum WatchedPort {
-    Device(AsyncFd<Watched<Arc<OwnedFd>>>, Port),
+pub(crate) struct WatchedPort {
+    pub port: Port,
+    watch: Watch,
+}
+
+enum Watch {
+    Device(AsyncFd<Watched<Arc<OwnedFd>>>),
     #[cfg(test)]
-    Simulated(simulated::Watch, Port),
+    Simulated(simulated::Watch),
 }
 
 impl WatchedPort {
     pub fn new(port: Port) -> io::Result<WatchedPort> {
-        Ok(match &port {
-            Port::Device(device) => WatchedPort::Device(Watched::new(device.clone())?, port),
+        let watch = match &port {
+            Port::Device(device) => Watch::Device(Watched::new(device.clone())?),
             #[cfg(test)]
-            Port::Simulated(simulated) => WatchedPort::Simulated(simulated.watch(), port),
-        })
-    }
-
-    pub fn port(&self) -> &Port {
-        match self {
-            WatchedPort::Device(_, port) => port,
-            #[cfg(test)]
-            WatchedPort::Simulated(_, port) => port,
-        }
+            Port::Simulated(simulated) => Watch::Simulated(simulated.watch()),
+        };
+        Ok(WatchedPort { port, watch })
     }
 
     /// Reads available bytes, and waits for the first; 0 at the end of the stream, or after a hang-up.
     pub async fn read(&self, bytes: &mut [u8]) -> io::Result<usize> {
         loop {
-            let mut ready = match self {
-                WatchedPort::Device(watch, _) => Ready::Device(watch.readable().await?),
+            let mut ready = match &self.watch {
+                Watch::Device(watch) => Ready::Device(watch.readable().await?),
                 #[cfg(test)]
-                WatchedPort::Simulated(watch, _) => Ready::Simulated(watch.readable().await),
+                Watch::Simulated(watch) => Ready::Simulated(watch.readable().await),
             };
             let is_hung_up = ready.is_read_hung_up();
-            match self.port().read(bytes) {
-                Err(nix::errno::Errno::EAGAIN) => ready.clear(),
+            match self.port.read(bytes) {
+                Err(Errno::EAGAIN) => ready.clear(),
                 result => return Ok(result?),
             }
             // A pty that was reopened at once: the hang-up stays in the readiness until a new one.
@@ -100,10 +99,10 @@ impl WatchedPort {
     }
 
     pub async fn writable(&self) -> io::Result<Ready<'_>> {
-        Ok(match self {
-            WatchedPort::Device(watch, _) => Ready::Device(watch.writable().await?),
+        Ok(match &self.watch {
+            Watch::Device(watch) => Ready::Device(watch.writable().await?),
             #[cfg(test)]
-            WatchedPort::Simulated(watch, _) => Ready::Simulated(watch.writable().await),
+            Watch::Simulated(watch) => Ready::Simulated(watch.writable().await),
         })
     }
 }

@@ -8,6 +8,8 @@ use geu_protocol::serial::MAX_FRAME;
 use nix::errno::Errno;
 
 use super::interface::LinkInfo;
+#[cfg(test)]
+use super::interface::MAX_WAITING_REPLIES;
 use super::port::Port;
 use super::statistics::{LinkStatistics, Sending};
 use crate::host::now_ns;
@@ -156,10 +158,12 @@ impl SendBuffer {
         self.waiting.iter().filter(|it| it.is_reply == is_reply).map(|it| it.bytes.len()).sum()
     }
 
-    /// Bytes and delayed replies that wait.
+    /// True if no more waits than each limit permits.
     #[cfg(test)]
-    pub fn count_waiting(&self) -> usize {
-        self.pending.len() + self.waiting(false) + self.waiting(true) + self.answers.message_count()
+    pub fn is_bounded(&self) -> bool {
+        self.pending.len() - self.replies + self.waiting(false) <= self.capacity
+            && self.replies + self.waiting(true) <= REPLY_CAPACITY
+            && self.answers.message_count() <= MAX_WAITING_REPLIES
     }
 
     /// True if a sample can be appended. A sample that a fault made longer needs the capacity of one frame;

@@ -38,14 +38,11 @@ pub(crate) struct StreamLink {
 
 #[cfg(test)]
 impl StreamLink {
-    /// Counts the bytes and replies that wait for a client, the maximum of all clients; 0 while a thread has a lock of it.
-    pub fn count_waiting(&self) -> Box<dyn Fn() -> usize + Send + Sync> {
+    /// Returns whether the data that waits for each client is within its limits; true while a thread has a lock of it.
+    pub fn bounds(&self) -> Box<dyn Fn() -> bool + Send + Sync> {
         let senders = self.senders.clone();
-        Box::new(move || {
-            let Ok(senders) = senders.0.try_lock() else { return 0 };
-            let waiting = senders.iter().filter_map(|sender| Some(sender.state.try_lock().ok()?.count_waiting()));
-            waiting.max().unwrap_or(0)
-        })
+        let is_beyond = |sender: &Arc<StreamSender>| sender.state.try_lock().is_ok_and(|state| !state.is_bounded());
+        Box::new(move || senders.0.try_lock().map_or(true, |senders| !senders.iter().any(is_beyond)))
     }
 }
 

@@ -188,7 +188,7 @@ impl Clients {
                 // It sends no more, but may still read: `socat -u`, `nc` at the end of its input.
                 Ok(()) => {
                     client.has_ended.store(true, Relaxed);
-                    until_gone(port.port(), client).await;
+                    until_gone(&port.port, client).await;
                 }
                 Err(error) if error.kind() == io::ErrorKind::InvalidData => {
                     self.commands.info.statistics.refused.fetch_add(1, Relaxed);

@@ -28,12 +28,10 @@ use crate::shared_unit::SharedUnit;
 
 /// A run ends this long after the request, at the latest.
 const END_NS: i64 = 1_000_000_000;
+/// Time after the last sample of a run that ends by itself, at which it is asked to end.
+const PATIENCE_NS: i64 = 20_000_000_000;
 /// Lateness that wake-ups explain, without a stall of the host, ns.
 const LATE_NS: u64 = 2_000_000;
-/// Bytes that may wait for one client.
-const MAX_WAITING: usize = 4096;
-/// Memory that may wait for the disk.
-const MAX_RECORDING: usize = 80 << 20;
 
 /// A link of the simulated host.
 #[derive(Clone)]
@@ -43,7 +41,7 @@ struct Slot {
     kind: Transport,
     pty: Pty,
     clients: OnceLock<Arc<tcp::Clients>>,
-    waiting: OnceLock<Box<dyn Fn() -> usize + Send + Sync>>,
+    is_bounded: OnceLock<Box<dyn Fn() -> bool + Send + Sync>>,
 }
 
 impl fmt::Debug for SimulatedLink {
@@ -54,7 +52,7 @@ impl fmt::Debug for SimulatedLink {
 
 impl SimulatedLink {
     fn new(kind: Transport) -> SimulatedLink {
-        SimulatedLink(Arc::new(Slot { kind, pty: Pty::new(), clients: OnceLock::new(), waiting: OnceLock::new() }))
+        SimulatedLink(Arc::new(Slot { kind, pty: Pty::new(), clients: OnceLock::new(), is_bounded: OnceLock::new() }))
     }
 
     pub fn kind(&self) -> Transport {
@@ -74,7 +72,7 @@ impl SimulatedLink {
                 link
             }
         };
-        let _ = self.0.waiting.set(link.count_waiting());
+        let _ = self.0.is_bounded.set(link.bounds());
         link
     }
 }
@@ -183,7 +181,8 @@ fn run_on(host: &Host) -> Result<Outcome, String> {
         totals: Totals::default(),
         unit: unit.clone(),
         has_ended: AtomicBool::new(false),
-        has_stalled: AtomicBool::new(plan.speed != Speed::Times(1.0)),
+        is_faster: plan.speed.is_faster_than_real(),
+        has_stalled: AtomicBool::new(false),
         disk: disk.as_ref().map(|(disk, _)| disk.clone()),
     });
     let asked = Arc::<Notify>::default();
@@ -198,32 +197,27 @@ fn run_on(host: &Host) -> Result<Outcome, String> {
     let body = run_unit(&session, &unit, &settings, None, writer.map(|writer| (writer, Transport::Pty)));
     start_clients(host, &plan, &setting);
     start_operator(&plan, &service, &setting);
-    start_stalls(host, &plan, &setting);
-    if let Some(asked_ns) = plan.asked_ns {
-        let (host, asked, at_ns) = (host.clone(), asked.clone(), asked_at_ns.clone());
-        host.clone().spawn(async move {
-            host::sleep(Duration::from_nanos(asked_ns as u64)).await;
-            at_ns.store(host.now_ns(), Relaxed);
-            asked.notify_one();
-        });
-    }
-    // Without a request, readers of a fast run are waited for.
-    let limit_ns = host.now_ns() + plan.samples as i64 * 500_000_000 + 60_000_000_000;
+    start_stalls(host, &plan, &setting, &asked_at_ns);
+    // A run that ends by itself waits for its disk without a limit, until it is asked to end.
+    let asked_ns = plan.asked_ns.unwrap_or(plan.samples as i64 * 500_000_000 + PATIENCE_NS);
+    let (own_host, at_ns) = (host.clone(), asked_at_ns.clone());
+    host.spawn(async move {
+        host::sleep(Duration::from_nanos(asked_ns as u64)).await;
+        at_ns.store(own_host.now_ns(), Relaxed);
+        asked.notify_one();
+    });
     let bounds = |host: &Host| {
         let now_ns = host.now_ns();
-        let is_late = now_ns - asked_at_ns.load(Relaxed).min(now_ns) > END_NS && !setting.has_stalled.load(Relaxed);
-        if is_late || now_ns > limit_ns {
-            host.fail("the run has not ended a second after the request to end, or after its last sample");
+        if now_ns - asked_at_ns.load(Relaxed).min(now_ns) > END_NS {
+            host.fail("the run has not ended a second after the request to end");
         }
         for link in &plan.links {
-            let waiting = link.0.waiting.get().map_or(0, |waiting| waiting());
-            if waiting > MAX_WAITING {
-                host.fail(format_args!("{link:?}: {waiting} bytes wait for one client"));
+            if link.0.is_bounded.get().is_some_and(|is_bounded| !is_bounded()) {
+                host.fail(format_args!("{link:?}: more waits for one client than the limits permit"));
             }
         }
-        let recording = status.as_ref().map_or(0, |status| status.waiting_bytes());
-        if recording > MAX_RECORDING {
-            host.fail(format_args!("{recording} bytes wait for the disk"));
+        if status.as_ref().is_some_and(|status| !status.is_bounded()) {
+            host.fail("more waits for the disk than the limit permits");
         }
     };
     let ended = host.run(session.until_end(shutdown, body), bounds);
@@ -245,7 +239,7 @@ fn check_summary(
     summary: &RunSummary,
     disk: Option<&Disk>,
 ) -> Result<Outcome, String> {
-    if !setting.has_stalled.load(Relaxed) {
+    if setting.is_exact() {
         if summary.missed > 0 || summary.lateness.max_ns() > LATE_NS {
             return Err(format!("{} samples missed, lateness {}", summary.missed, summary.lateness));
         }
@@ -340,14 +334,17 @@ fn start_operator(plan: &Plan, service: &Arc<ControlService>, setting: &Arc<Sett
 }
 
 /// Times at which the whole process stands still.
-fn start_stalls(host: &Host, plan: &Plan, setting: &Arc<Setting>) {
+fn start_stalls(host: &Host, plan: &Plan, setting: &Arc<Setting>, asked_at_ns: &Arc<AtomicI64>) {
     for _ in 0..plan.stalls {
-        let (host, setting) = (host.clone(), setting.clone());
+        let (host, setting, asked_at_ns) = (host.clone(), setting.clone(), asked_at_ns.clone());
         let after_ns = host.draw(0..=plan.samples as i64 * 500_000_000);
         host.clone().spawn(async move {
             host::sleep(Duration::from_nanos(after_ns as u64)).await;
             setting.has_stalled.store(true, Relaxed);
-            host.stall(Duration::from_nanos(host.draw(1_000_000..=4_000_000_000) as u64));
+            let stall_ns = host.draw(1_000_000..=4_000_000_000);
+            host.stall(Duration::from_nanos(stall_ns as u64));
+            // A request before it could not be obeyed meanwhile; `i64::MAX` is none.
+            asked_at_ns.store(asked_at_ns.load(Relaxed).saturating_add(stall_ns), Relaxed);
             if let Some(disk) = &setting.disk {
                 disk.stood_still(host.now_ns());
             }

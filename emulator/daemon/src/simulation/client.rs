@@ -89,12 +89,19 @@ pub(super) struct Setting {
     pub unit: Arc<SharedUnit>,
     /// The run has ended.
     pub has_ended: AtomicBool,
+    /// Samples may wait for readers, and readers may lose samples.
+    pub is_faster: bool,
     /// The process stood still: some samples were not sent.
     pub has_stalled: AtomicBool,
     pub disk: Option<Arc<Disk>>,
 }
 
 impl Setting {
+    /// True if every sample must be on time, and reach its reader.
+    pub fn is_exact(&self) -> bool {
+        !self.is_faster && !self.has_stalled.load(Relaxed)
+    }
+
     /// True once commands are no longer answered.
     pub fn is_over(&self) -> bool {
         self.has_ended.load(Relaxed) || self.unit.is_closed()
@@ -229,7 +236,7 @@ impl Connection<'_> {
 
     /// Samples and replies come in time to a client that reads.
     fn check_delays(&mut self) {
-        if !self.habits.is_attentive || self.setting.has_stalled.load(Relaxed) {
+        if !self.habits.is_attentive || !self.setting.is_exact() {
             return;
         }
         let now_ns = self.setting.host.now_ns();
@@ -255,7 +262,7 @@ impl Connection<'_> {
         self.setting.totals.samples.fetch_add(1, Relaxed);
         let expected = self.sequence.replace(sequence).map(|before| before.wrapping_add(1));
         let is_next = expected.is_none_or(|expected| expected == sequence);
-        if self.habits.is_attentive && !is_next && !self.setting.has_stalled.load(Relaxed) {
+        if self.habits.is_attentive && !is_next && self.setting.is_exact() {
             self.setting.host.fail(format_args!(
                 "{}: sequence {sequence} after {expected:?} was expected, of a client that reads",
                 self.endpoint.link
