@@ -255,9 +255,10 @@ impl GyroUnit {
     /// True if no effect or fault moves its sample intervals or its motion.
     pub fn keeps_time(&self) -> bool {
         let EffectConfiguration { constant, courses, .. } = &self.configuration.unit;
+        // Whatever its sign: a course may take away from an amplitude.
         let alone = |course: &TimeCourse| {
             let mut effects = UnitEffects::default();
-            *effects.numbers_mut(course.effect).value_mut(course.amplitude) = course.largest();
+            *effects.numbers_mut(course.effect).value_mut(course.amplitude) = 1.0;
             effects
         };
         let mut all = std::iter::once(*constant).chain(courses.iter().map(alone));

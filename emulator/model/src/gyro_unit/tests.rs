@@ -83,12 +83,21 @@ fn a_unit_that_follows_measured_temperatures_counts_as_any_other() {
     let one_effect = &["gyro.GYRX.pivot-clearance.clearance_arcsec=12"];
     let of_unit = &["unit.misalignment-thermal.arcsec_per_deg=0.9", "unit.clock-frequency.ppm=14"];
     let of_temperature = &["temperature.electronics.amplitude_k=5", "gyro.GYRY.drift-temperature.arcsec_per_h_per_k=9"];
-    for overrides in [&[][..], one_effect, of_unit, of_temperature] {
+    let negative_pulse = &[
+        "unit.time-offset-pulse.seconds=-0.01",
+        "unit.time-offset-pulse.time_s=600",
+        "unit.time-offset-pulse.duration_s=300",
+    ];
+    let falling_clock = &["unit.clock-frequency-ramp.ppm_per_day=-50"];
+    let keep_time = [&[][..], one_effect, of_temperature].map(|overrides| (overrides, true));
+    let move_time = [&of_unit[..], negative_pulse, falling_clock].map(|overrides| (overrides, false));
+    for (overrides, keeps_time) in keep_time.into_iter().chain(move_time) {
         let overrides: Vec<String> = overrides.iter().map(|text| (*text).to_owned()).collect();
         let configuration = Configuration::reference_with(&overrides).expect("valid").without_noise();
         let temperatures = Arc::new(MeasuredTemperatures::new(&configuration.electronics, &[], 4000, 0.5));
         let mut unit = GyroUnit::new(&configuration);
         let mut following = GyroUnit::following(&configuration, &Truth::Scenario, temperatures.clone());
+        assert_eq!(following.keeps_time(), keeps_time, "{overrides:?}");
         let mut gyros: Vec<_> = (0..4).map(|gyro| FollowingGyro::new(&configuration, gyro, &temperatures)).collect();
         let followed = following.follow(4000);
         for samples in followed.chunks(300) {
