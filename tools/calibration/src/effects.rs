@@ -26,8 +26,10 @@ pub struct EffectContribution {
     per_clearance: Vec<Vec<f64>>,
 }
 
-/// The motion at each node after the first: rotation about the control axes since the node before, arcsec, and θ and ψ where known.
-pub type MotionSteps = Vec<([f64; 3], Option<(f64, f64)>)>;
+/// The motion at a node: rotation about the control axes since the node before, arcsec, and θ and ψ where known.
+pub type MotionStep = ([f64; 3], Option<(f64, f64)>);
+/// At each node after the first.
+pub type MotionSteps = Vec<MotionStep>;
 
 impl EffectContribution {
     /// Runs the model of `configuration`, without its noise, along the motion; `None` if it has no other effect.
@@ -43,7 +45,7 @@ impl EffectContribution {
         let steps = steps();
         let times_s = ends_s(&quiet, counts.len());
         quiet.electronics.follow(times_s.iter().copied().zip(counts.electronics_c.iter().copied()).collect());
-        let truth = moved(&times_s, &steps)?;
+        let truth = moved(&times_s, steps.iter().copied())?;
         let accumulated = run(&quiet, &truth, steps.len());
         let mut wider = quiet;
         let mut has_pivots = false;
@@ -85,7 +87,7 @@ impl EffectContribution {
 pub fn float_motion(
     calibrations: &[Calibration; 4],
     clearance_arcsec: &[f64; 4],
-    steps: &MotionSteps,
+    steps: impl ExactSizeIterator<Item = MotionStep>,
 ) -> Option<Vec<Vec<f64>>> {
     if clearance_arcsec.iter().all(|&clearance| clearance == 0.0) {
         return None;
@@ -96,7 +98,8 @@ pub fn float_motion(
         *own = GyroConfiguration { calibration: calibrations[gyro], ..Default::default() };
         own.effects.constant.pivot_clearance.clearance_arcsec = clearance_arcsec[gyro];
     }
-    Some(run(&floats, &moved(&ends_s(&floats, steps.len()), steps)?, steps.len()))
+    let samples = steps.len();
+    Some(run(&floats, &moved(&ends_s(&floats, samples), steps)?, samples))
 }
 
 /// Ends of the model's own samples, so that it meets the motion where the unit met it, whatever the clocks of the
@@ -107,10 +110,13 @@ fn ends_s(configuration: &Configuration, samples: usize) -> Vec<f64> {
 }
 
 /// The motion as a truth for the model.
-fn moved(times_s: &[f64], steps: &MotionSteps) -> Option<Truth> {
-    let start = AttitudeRow { t_s: 0.0, angle_control_arcsec: [0.0; 3], theta_psi_rad: steps.first()?.1 };
-    let row = |(&(angle_control_arcsec, theta_psi_rad), &t_s)| AttitudeRow { t_s, angle_control_arcsec, theta_psi_rad };
-    let rows: Vec<AttitudeRow> = std::iter::once(start).chain(steps.iter().zip(&times_s[1..]).map(row)).collect();
+fn moved(times_s: &[f64], steps: impl Iterator<Item = MotionStep>) -> Option<Truth> {
+    let mut steps = steps.peekable();
+    let start = AttitudeRow { t_s: 0.0, angle_control_arcsec: [0.0; 3], theta_psi_rad: steps.peek()?.1 };
+    let row = |((angle_control_arcsec, theta_psi_rad), &t_s)| AttitudeRow { t_s, angle_control_arcsec, theta_psi_rad };
+    let mut rows = Vec::with_capacity(times_s.len());
+    rows.push(start);
+    rows.extend(steps.zip(&times_s[1..]).map(row));
     Some(Truth::Recorded(Arc::new(RecordedAttitude::new(&rows).ok()?)))
 }
 

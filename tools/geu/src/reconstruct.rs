@@ -1,19 +1,21 @@
 //! `geu reconstruct`: attitude and transfer functions between fixes, of a recording or of a simulated survey day.
 
 use std::fmt::Write as _;
+use std::io::{self, BufWriter, Write};
 
 use clap::Args;
-use geu_calibration::GyroSet;
 use geu_calibration::absolute::AbsoluteData;
 use geu_calibration::filter::{
-    AttitudeErrorStats, AttitudeFix, FilterNoise, REQUIREMENT_ARCSEC, Reconstruction, SurveyDayReport, Whiteness,
+    AttitudeErrorStats, AttitudeFix, FilterNoise, NodeEstimates, REQUIREMENT_ARCSEC, SurveyDayReport, Whiteness,
     checkout_calibration, cost_of_effects, reconstruct, survey_day,
 };
+use geu_calibration::{AccumulatedCounts, GyroSet};
 use geu_model::Configuration;
 use geu_model::configuration::unix_ns;
 use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::{CanIdMap, Gyro};
 use geu_recording::DecoderOptions;
+use nalgebra::UnitQuaternion;
 
 use crate::calibrate::{read_counts, start_of_sensors_ns};
 use crate::command_error::{CommandError, note, say};
@@ -151,7 +153,16 @@ fn recording(
     // Constant departures of the configuration are prior knowledge, as for `geu calibrate`.
     let calibrations = checkout_calibration(configuration);
     let noise = FilterNoise::from_configuration(configuration, in_use);
-    let result = reconstruct(&counts, &calibrations, in_use, &noise, &fixes).map_err(CommandError::input)?;
+    let mut rows = Vec::with_capacity(if arguments.out.is_some() { counts.len() } else { 0 });
+    let (mut filtered, mut smoothed) = (0.0, 0.0);
+    let visit = |node: usize, own: &NodeEstimates| {
+        filtered = own.filtered.boresight_sigma_arcsec().max(filtered);
+        smoothed = own.smoothed.boresight_sigma_arcsec().max(smoothed);
+        if arguments.out.is_some() && node > 0 {
+            rows.push((own.smoothed.attitude, own.smoothed.sigma_control_arcsec()));
+        }
+    };
+    let result = reconstruct(&counts, &calibrations, in_use, &noise, &fixes, visit).map_err(CommandError::input)?;
     for found in &counts.breaks {
         let unix_s = |node: usize| counts.start_ns as f64 * 1e-9 + counts.node_s[node.min(counts.len())];
         let (from_s, to_s) = (unix_s(found.from), unix_s(found.to));
@@ -161,29 +172,31 @@ fn recording(
         note(format_args!("geu: {} fixes lie outside the recording and were not used\n", result.fixes_outside));
     }
     say!("{} samples, gyros {}, {} fixes", counts.len(), names(in_use), fixes.len() - result.fixes_outside)?;
-    let largest = |estimates: &[geu_calibration::filter::StateEstimate]| {
-        estimates.iter().map(|estimate| estimate.boresight_sigma_arcsec()).fold(0.0, f64::max)
-    };
-    let (filtered, smoothed) = (largest(&result.filtered), largest(&result.smoothed));
     say!("boresight, largest sigma: {filtered:.1} arcsec filtered, {smoothed:.1} smoothed")?;
     say!("{}", whiteness_text(&result.whiteness))?;
-    match &arguments.out {
-        Some(out) => out.write(csv(&counts, &result)),
-        None => Ok(()),
+    if let Some(out) = &arguments.out {
+        let mut output = out.create()?;
+        write_rows(&mut output, &counts, &rows)
+            .and_then(|()| output.persist())
+            .map_err(|error| out.write_error(error))?;
     }
+    Ok(())
 }
 
 /// A row per sample interval: the attitude at its end (control frame to inertial, the sun-referenced frame at the start of the
-/// counts), sigmas about the control axes.
-fn csv(counts: &geu_calibration::AccumulatedCounts, result: &Reconstruction) -> String {
-    let mut text = "t_s,q_w,q_x,q_y,q_z,sigma_x_arcsec,sigma_y_arcsec,sigma_z_arcsec\n".to_owned();
-    for (node_s, estimate) in counts.node_s.iter().zip(&result.smoothed).skip(1) {
+/// counts), sigmas about the control axes. `rows` has the last one first.
+fn write_rows(
+    output: &mut impl Write,
+    counts: &AccumulatedCounts,
+    rows: &[(UnitQuaternion<f64>, [f64; 3])],
+) -> io::Result<()> {
+    let mut output = BufWriter::new(output);
+    writeln!(output, "t_s,q_w,q_x,q_y,q_z,sigma_x_arcsec,sigma_y_arcsec,sigma_z_arcsec")?;
+    for (node_s, (attitude, [x, y, z])) in counts.node_s.iter().skip(1).zip(rows.iter().rev()) {
         let t_us = counts.start_ns / 1000 + (node_s * 1e6).round() as i64;
-        let q = estimate.attitude.quaternion();
-        let [x, y, z] = estimate.sigma_control_arcsec();
+        let q = attitude.quaternion();
         let (seconds, part) = (t_us.div_euclid(1_000_000), t_us.rem_euclid(1_000_000));
-        let _ =
-            writeln!(text, "{seconds}.{part:06},{:.12},{:.12},{:.12},{:.12},{x:.3},{y:.3},{z:.3}", q.w, q.i, q.j, q.k);
+        writeln!(output, "{seconds}.{part:06},{:.12},{:.12},{:.12},{:.12},{x:.3},{y:.3},{z:.3}", q.w, q.i, q.j, q.k)?;
     }
-    text
+    output.flush()
 }

@@ -4,12 +4,13 @@ use std::borrow::Cow;
 
 use geu_model::package::Calibration;
 use geu_model::units::{ARCSEC_PER_RAD, RAD_PER_DEG, SAMPLE_INTERVAL_S, SUN_RATE_RAD_S};
+use geu_protocol::Gyros;
 use nalgebra::{Matrix3, Matrix3x4, Matrix4, UnitQuaternion, Vector3};
 
 use super::covariance::{
     ATTITUDE, Adjoint, Covariance, DRIFT, GYROS, Gain, MISALIGNMENT, SCALE_FACTOR, SYSTEMATIC, Step, THERMAL, Vector,
 };
-use super::{AttitudeFix, FilterNoise, FixMeasurement, Innovation, StateEstimate};
+use super::{AttitudeFix, FilterNoise, FixMeasurement, Innovation, NodeEstimates, StateEstimate};
 use crate::counts::{AccumulatedCounts, BreakKind};
 use crate::transfer::{GyroSet, Transfer};
 
@@ -20,25 +21,27 @@ const MEAN_OVER: usize = 20;
 /// An attitude less certain than this is lost: the next fix of the whole attitude starts it anew. A degree, at which the
 /// square of the error, 63″, is no longer small.
 const LOST_ARCSEC: f64 = 3600.0;
-/// Samples between stored covariances, from which the smoother makes the others again: 1.6 MB at a time instead of
-/// 270 MB for a day.
+/// Samples between checkpoints, from which the smoother makes the nodes again: 3 MB at a time, where those of a day are 440 MB.
 const CHECKPOINT: usize = 1024;
 
 /// The counts with lost samples filled in, and for each sample and gyro in use the number of successive lost samples up to
-/// it; 0 if it is present.
+/// it; 0 if it is present. Empty if none is lost.
 pub(super) fn fill_gaps(counts: &AccumulatedCounts, in_use: GyroSet) -> (Cow<'_, AccumulatedCounts>, Vec<[u32; 4]>) {
     let used = in_use.gyros();
+    let is_lost = |gyros: Gyros| (0..4).any(|gyro| used[gyro] && gyros[gyro]);
+    let mut breaks =
+        counts.breaks.iter().filter(|found| found.kind != BreakKind::TimeJump && is_lost(found.gyros)).peekable();
+    if breaks.peek().is_none() {
+        return (Cow::Borrowed(counts), Vec::new());
+    }
     let mut lost = vec![[0; 4]; counts.len()];
-    for found in counts.breaks.iter().filter(|found| found.kind != BreakKind::TimeJump) {
+    for found in breaks {
         let last = found.to.min(lost.len());
         for sample in &mut lost[found.from.min(last)..last] {
             for gyro in 0..4 {
                 sample[gyro] |= u32::from(used[gyro] && found.gyros[gyro]);
             }
         }
-    }
-    if lost.iter().flatten().all(|&lost| lost == 0) {
-        return (Cow::Borrowed(counts), lost);
     }
     let mut filled = counts.clone();
     for gyro in 0..4 {
@@ -107,6 +110,23 @@ impl State {
     }
 }
 
+/// The nominal motion at a node.
+#[derive(Debug, Clone, Copy)]
+struct Nominal {
+    state: State,
+    /// θ − 90°, lagged.
+    lagged_deg: f64,
+    /// Turn over the sample before, rad.
+    before: Vector3<f64>,
+}
+
+/// The filter at a node, after its fixes.
+#[derive(Debug, Clone, Copy)]
+struct Node {
+    nominal: Nominal,
+    covariance: Covariance,
+}
+
 /// A change of the estimate at a node.
 enum Event {
     Restart,
@@ -124,14 +144,11 @@ pub(super) struct Filter<'a> {
     transfer: Transfer,
     /// M⁻¹ of the calibration given: rotations about the input axes in use to those about the control axes.
     inverse: Matrix3<f64>,
-    state: State,
-    covariance: Covariance,
-    /// θ − 90°, lagged, at the node that is reached.
-    lagged_deg: f64,
-    pub filtered: Vec<StateEstimate>,
-    /// State and lag at each node, after its fixes.
-    history: Vec<(State, f64)>,
-    checkpoints: Vec<(usize, Covariance)>,
+    /// Share of the lag that is left after a sample.
+    left: f64,
+    /// The node that is reached.
+    now: Node,
+    checkpoints: Vec<(usize, Node)>,
     events: Vec<(usize, Event)>,
     pub innovations: Vec<Innovation>,
 }
@@ -165,22 +182,19 @@ impl<'a> Filter<'a> {
             gyros,
             inverse: Matrix3::from_columns(&gyros.map(|gyro| transfer.inverse.column(gyro))),
             transfer,
-            state,
-            covariance: Covariance::start(noise, &attitude),
-            lagged_deg: 0.0,
-            filtered: Vec::with_capacity(counts.len() + 1),
-            history: Vec::with_capacity(counts.len() + 1),
+            left: libm::exp(-SAMPLE_INTERVAL_S / noise.thermal_time_constant_s),
+            now: Node {
+                nominal: Nominal { state, lagged_deg: 0.0, before: Vector3::zeros() },
+                covariance: Covariance::start(noise, &attitude),
+            },
             checkpoints: Vec::new(),
             events: Vec::new(),
             innovations: Vec::new(),
         };
-        let mut before = Vector3::zeros();
-        for sample in 0..node {
-            filter.turn(sample, &mut before);
-        }
-        state.package = attitude * filter.state.package.inverse();
-        filter.state = state;
-        filter.lagged_deg = filter.above_90_deg(0);
+        (0..node).for_each(|sample| filter.turn(sample));
+        state.package = attitude * filter.now.nominal.state.package.inverse();
+        filter.now.nominal = Nominal { state, lagged_deg: 0.0, before: Vector3::zeros() };
+        filter.now.nominal.lagged_deg = filter.above_90_deg(0);
         Some(filter)
     }
 
@@ -195,49 +209,52 @@ impl<'a> Filter<'a> {
 
     /// Turns the nominal attitude over a sample interval. Increments are integrals of rates about axes that turn meanwhile:
     /// the first term that does not commute is a twelfth of the cross product with the increment before (Miller 1983).
-    fn turn(&mut self, sample: usize, before: &mut Vector3<f64>) {
+    fn turn(&mut self, sample: usize) {
         let turn = self.turned_arcsec(self.increments(sample), 1.0) / ARCSEC_PER_RAD;
+        let Nominal { state, before, .. } = &mut self.now.nominal;
         let whole = turn + before.cross(&turn) / 12.0;
-        self.state.package *= UnitQuaternion::from_scaled_axis(whole);
+        state.package *= UnitQuaternion::from_scaled_axis(whole);
         *before = turn;
     }
 
     /// θ − 90° of the nominal attitude at a node, to within what the turn itself is.
     fn above_90_deg(&self, node: usize) -> f64 {
-        let boresight = self.state.package * Vector3::x();
+        let boresight = self.now.nominal.state.package * Vector3::x();
         let (sin, cos) = libm::sincos(SUN_RATE_RAD_S * self.counts.node_s[node]);
         -libm::asin((boresight.x * cos + boresight.y * sin).clamp(-1.0, 1.0)) / RAD_PER_DEG
     }
 
     pub fn forward(&mut self, fixes: &[(usize, &AttitudeFix)]) {
-        let left = libm::exp(-SAMPLE_INTERVAL_S / self.noise.thermal_time_constant_s);
-        let (mut before, mut fixes) = (Vector3::zeros(), fixes.iter().peekable());
+        let mut fixes = fixes.iter().peekable();
         for node in 0..=self.counts.len() {
             let mut is_updated = false;
             while let Some((_, fix)) = fixes.next_if(|(own, _)| *own == node) {
                 self.update(node, fix);
                 is_updated = true;
             }
-            self.history.push((self.state, self.lagged_deg));
-            self.filtered.push(self.estimate(&self.state, self.lagged_deg, self.covariance.reported()));
             if is_updated || node % CHECKPOINT == 0 {
-                self.checkpoints.push((node, self.covariance));
+                self.checkpoints.push((node, self.now));
             }
-            if node == self.counts.len() {
-                break;
+            if node < self.counts.len() {
+                let step = self.step(node);
+                self.advance(node, &step);
             }
-            let step = self.step(node, &self.state);
-            self.covariance.advance(&step);
-            let from_deg = self.above_90_deg(node);
-            self.turn(node, &mut before);
-            let to_deg = self.above_90_deg(node + 1);
-            self.lagged_deg = 0.5 * (from_deg + to_deg) * (1.0 - left) + self.lagged_deg * left;
         }
     }
 
-    /// Propagation of errors over a sample interval, from the nominal state at its start.
-    fn step(&self, sample: usize, state: &State) -> Step {
-        let rotation = state.package.to_rotation_matrix();
+    /// Goes to the next node, before its fixes.
+    fn advance(&mut self, node: usize, step: &Step) {
+        self.now.covariance.advance(step);
+        let from_deg = self.above_90_deg(node);
+        self.turn(node);
+        let to_deg = self.above_90_deg(node + 1);
+        let lagged_deg = &mut self.now.nominal.lagged_deg;
+        *lagged_deg = 0.5 * (from_deg + to_deg) * (1.0 - self.left) + *lagged_deg * self.left;
+    }
+
+    /// Propagation of errors over the sample interval that begins.
+    fn step(&self, sample: usize) -> Step {
+        let rotation = self.now.nominal.state.package.to_rotation_matrix();
         let to_inertial = rotation.matrix() * self.inverse;
         let increments = self.increments(sample);
         let counts = self.gyros.map(|gyro| increments[gyro]);
@@ -246,7 +263,7 @@ impl<'a> Filter<'a> {
         let mut step = Step::new(&to_inertial, counts, off_axis_rad, self.noise);
         let sigma_arcsec = self.noise.lost_rate_arcsec_s * SAMPLE_INTERVAL_S;
         for (slot, gyro) in self.gyros.into_iter().enumerate() {
-            let on_end = self.lost[sample][gyro];
+            let on_end = self.lost.get(sample).map_or(0, |lost| lost[gyro]);
             if on_end > 0 {
                 // One rate is wrong throughout, so the angle grows with time and its variance with the square.
                 let variance = sigma_arcsec.powi(2) * f64::from(2 * on_end - 1);
@@ -258,16 +275,17 @@ impl<'a> Filter<'a> {
 
     fn update(&mut self, node: usize, fix: &AttitudeFix) {
         if let FixMeasurement::Attitude(attitude) = fix.seen
-            && self.covariance.attitude().diagonal().max().sqrt() > LOST_ARCSEC
+            && self.now.covariance.attitude().diagonal().max().sqrt() > LOST_ARCSEC
         {
             // The attitude at the node for which the prediction of the fix is what it saw.
             let turn_since = self.turn_since(node, fix.t_s);
-            self.state.package = attitude * self.state.turn(self.lagged_deg) * turn_since.inverse();
-            self.covariance.restart(self.noise, &attitude);
+            self.now.nominal.state.package =
+                attitude * self.now.nominal.state.turn(self.now.nominal.lagged_deg) * turn_since.inverse();
+            self.now.covariance.restart(self.noise, &attitude);
             self.events.push((node, Event::Restart));
         }
-        let turn = self.state.turn(self.lagged_deg);
-        let package = self.state.package * self.turn_since(node, fix.t_s);
+        let turn = self.now.nominal.state.turn(self.now.nominal.lagged_deg);
+        let package = self.now.nominal.state.package * self.turn_since(node, fix.t_s);
         let control = package * turn.inverse();
         let seen = fix.residual_control_arcsec(&control);
         let mut error = Vector::zeros();
@@ -278,20 +296,24 @@ impl<'a> Filter<'a> {
             for (index, part) in axis_of_fix.systematic.into_iter().enumerate() {
                 row[SYSTEMATIC + index] = part;
             }
-            row[THERMAL] = -self.lagged_deg * axis_of_fix.direction_control.y;
-            let expected: f64 =
-                axis_of_fix.systematic.iter().zip(self.state.systematic_arcsec).map(|(part, error)| part * error).sum();
+            row[THERMAL] = -self.now.nominal.lagged_deg * axis_of_fix.direction_control.y;
+            let expected: f64 = axis_of_fix
+                .systematic
+                .iter()
+                .zip(self.now.nominal.state.systematic_arcsec)
+                .map(|(part, error)| part * error)
+                .sum();
             let residual = axis_of_fix.direction_control.dot(&seen) - expected - row.dot(&error);
             let variance =
                 axis_of_fix.sigma_arcsec.powi(2) + self.noise.bounded_variance_arcsec2() * direction.norm_squared();
-            let gain = self.covariance.update(row, residual, variance);
+            let gain = self.now.covariance.update(row, residual, variance);
             error += gain.gain * residual;
             let normalised = residual / gain.variance.sqrt();
             self.innovations.push(Innovation { component, normalised });
             self.events.push((node, Event::Update(Box::new(gain))));
         }
-        self.state = self.state.corrected(&error, self.gyros);
-        self.transfer = Transfer::new(&self.state.calibrations, self.in_use);
+        self.now.nominal.state = self.now.nominal.state.corrected(&error, self.gyros);
+        self.transfer = Transfer::new(&self.now.nominal.state.calibrations, self.in_use);
     }
 
     /// The turn from a node to an instant near it, from counts interpolated between samples (Casteren §6).
@@ -334,32 +356,38 @@ impl<'a> Filter<'a> {
         }
     }
 
-    /// Smooths from the last node to the first.
-    pub fn backward(&self) -> Vec<StateEstimate> {
-        let mut smoothed = self.filtered.clone();
+    /// Smooths from the last node to the first, and passes the estimates of each to `visit`; returns the innovations.
+    pub fn backward(mut self, mut visit: impl FnMut(usize, &NodeEstimates)) -> Vec<Innovation> {
         let mut adjoint = Adjoint::zero();
-        let mut events = self.events.iter().rev().peekable();
+        let events = std::mem::take(&mut self.events);
+        let mut events = events.iter().rev().peekable();
         let mut last = self.counts.len();
-        let mut covariances = Vec::with_capacity(CHECKPOINT);
-        for &(first, covariance) in self.checkpoints.iter().rev() {
-            // The covariances of this interval once more, and the steps between them.
-            covariances.clear();
-            let mut covariance = covariance;
+        let mut nodes = Vec::with_capacity(CHECKPOINT);
+        while let Some((first, checkpoint)) = self.checkpoints.pop() {
+            // The nodes of this interval once more, and the steps between them.
+            nodes.clear();
+            self.now = checkpoint;
+            self.transfer = Transfer::new(&checkpoint.nominal.state.calibrations, self.in_use);
             for node in first..=last {
-                let step = (node < self.counts.len()).then(|| self.step(node, &self.history[node].0));
-                covariances.push((covariance, step));
+                let step = (node < self.counts.len()).then(|| self.step(node));
+                nodes.push((self.now, step));
                 if let Some(step) = step.filter(|_| node < last) {
-                    covariance.advance(&step);
+                    self.advance(node, &step);
                 }
             }
-            for node in (first..=last).rev() {
-                let (covariance, step) = &covariances[node - first];
+            for (node, (own, step)) in (first..last + 1).zip(&nodes).rev() {
                 if let Some(step) = step {
                     adjoint.pass_back(step);
                 }
-                let (state, lagged_deg) = &self.history[node];
-                let state = state.corrected(&adjoint.correction(covariance), self.gyros);
-                smoothed[node] = self.estimate(&state, *lagged_deg, adjoint.smoothed(covariance));
+                let (Nominal { state, lagged_deg, .. }, covariance) = (&own.nominal, &own.covariance);
+                let corrected = state.corrected(&adjoint.correction(covariance), self.gyros);
+                visit(
+                    node,
+                    &NodeEstimates {
+                        filtered: self.estimate(state, *lagged_deg, covariance.reported()),
+                        smoothed: self.estimate(&corrected, *lagged_deg, adjoint.smoothed(covariance)),
+                    },
+                );
                 while let Some((_, event)) = events.next_if(|(own, _)| *own == node) {
                     match event {
                         Event::Restart => adjoint.forget_attitude(),
@@ -369,6 +397,6 @@ impl<'a> Filter<'a> {
             }
             last = first.saturating_sub(1);
         }
-        smoothed
+        self.innovations
     }
 }

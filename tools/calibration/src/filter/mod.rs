@@ -29,8 +29,14 @@
 //!     counts.push(f64::from(sample) * 0.5, &[0.0, 0.0, 5.0, 5.0], 20.0);
 //! }
 //! let start = AttitudeFix::star(0.0, 90.0, 0.0, 0.5);
-//! let result = reconstruct(&counts, &[Calibration::default(); 4], GyroSet::WithZa, &FilterNoise::PAPER, &[start]).unwrap();
-//! let turned = attitude_of(std::f64::consts::FRAC_PI_2, 0.0, 0.0).rotation_to(&result.smoothed[200].attitude);
+//! let mut last = None;
+//! reconstruct(&counts, &[Calibration::default(); 4], GyroSet::WithZa, &FilterNoise::PAPER, &[start], |node, own| {
+//!     if node == 200 {
+//!         last = Some(own.smoothed.attitude);
+//!     }
+//! })
+//! .unwrap();
+//! let turned = attitude_of(std::f64::consts::FRAC_PI_2, 0.0, 0.0).rotation_to(&last.unwrap());
 //! assert!((turned.angle() * 206_264.806 - 1000.0).abs() < 1e-3);
 //! ```
 
@@ -54,7 +60,7 @@ use nalgebra::{Matrix3, UnitQuaternion};
 
 use self::kalman::{Filter, fill_gaps};
 use crate::counts::AccumulatedCounts;
-use crate::effects::{self, MotionSteps};
+use crate::effects::{self, MotionStep};
 use crate::transfer::{GyroSet, Transfer};
 
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -101,6 +107,15 @@ impl StateEstimate {
     }
 }
 
+/// The estimates at one node.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NodeEstimates {
+    /// From the fixes until then.
+    pub filtered: StateEstimate,
+    /// From all fixes.
+    pub smoothed: StateEstimate,
+}
+
 /// One component of a fix against its prediction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Innovation {
@@ -112,10 +127,6 @@ pub struct Innovation {
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reconstruction {
-    /// At each node of the counts, from the fixes until then.
-    pub filtered: Vec<StateEstimate>,
-    /// At each node, from all fixes.
-    pub smoothed: Vec<StateEstimate>,
     /// Every component of every fix used, in order of time.
     pub innovations: Vec<Innovation>,
     pub whiteness: Whiteness,
@@ -123,7 +134,8 @@ pub struct Reconstruction {
     pub fixes_outside: usize,
 }
 
-/// Reconstructs attitude and transfer functions at every node of `counts`.
+/// Reconstructs attitude and transfer functions at every node of `counts`, and passes them to `visit`, the last node first. Memory is
+/// that of the counts and of a checkpoint for each fix and each 1024 nodes.
 ///
 /// Fixes may come in any order; their times are seconds since the start of the counts, and the inertial frame is theirs:
 /// for [`AttitudeFix::star`] and [`AttitudeFix::sun`] the sun-referenced frame at time 0. The attitude before the first fix is carried back
@@ -141,6 +153,7 @@ pub fn reconstruct(
     in_use: GyroSet,
     noise: &FilterNoise,
     fixes: &[AttitudeFix],
+    visit: impl FnMut(usize, &NodeEstimates),
 ) -> Result<Reconstruction, FilterError> {
     let gyros = match in_use {
         GyroSet::WithZa => [0, 1, 2],
@@ -159,7 +172,7 @@ pub fn reconstruct(
     let fixes_outside = fixes.len() - at_nodes.len();
     let (mut counts, lost) = fill_gaps(counts, in_use);
     if let Some(floats) =
-        effects::float_motion(calibrations, &noise.clearance_arcsec, &steps(&counts, calibrations, in_use))
+        effects::float_motion(calibrations, &noise.clearance_arcsec, steps(&counts, calibrations, in_use))
     {
         for (sums, floats) in counts.to_mut().accumulated.iter_mut().zip(&floats) {
             sums.iter_mut().zip(floats).for_each(|(sum, float)| *sum -= float);
@@ -168,20 +181,23 @@ pub fn reconstruct(
     let mut filter = Filter::start(&counts, lost, calibrations, (in_use, gyros), noise, &at_nodes)
         .ok_or(FilterError::NoAttitude { end_s: counts.end_s(), got: fixes.len() })?;
     filter.forward(&at_nodes);
-    let smoothed = filter.backward();
-    let whiteness = Whiteness::from_innovations(&filter.innovations);
-    let Filter { filtered, innovations, .. } = filter;
-    Ok(Reconstruction { filtered, smoothed, innovations, whiteness, fixes_outside })
+    let innovations = filter.backward(visit);
+    let whiteness = Whiteness::from_innovations(&innovations);
+    Ok(Reconstruction { innovations, whiteness, fixes_outside })
 }
 
 /// The motion by the counts themselves.
-fn steps(counts: &AccumulatedCounts, calibrations: &[Calibration; 4], in_use: GyroSet) -> MotionSteps {
+fn steps(
+    counts: &AccumulatedCounts,
+    calibrations: &[Calibration; 4],
+    in_use: GyroSet,
+) -> impl ExactSizeIterator<Item = MotionStep> {
     let transfer = Transfer::new(calibrations, in_use);
-    let of = |node: usize| {
+    let of = move |node: usize| {
         let counted = std::array::from_fn(|gyro| counts.accumulated[gyro][node] - counts.accumulated[gyro][node - 1]);
         (transfer.about_control_arcsec(counted, 1.0), None)
     };
-    (1..=counts.len()).map(of).collect()
+    (1..counts.len() + 1).map(of)
 }
 
 #[cfg(test)]

@@ -11,7 +11,9 @@ use geu_protocol::Gyro;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::fix::SUN_EVERY_S;
-use super::{AttitudeFix, FilterError, FilterNoise, Reconstruction, StateEstimate, attitude_of, reconstruct};
+use super::{
+    AttitudeFix, FilterError, FilterNoise, NodeEstimates, Reconstruction, StateEstimate, attitude_of, reconstruct,
+};
 use crate::checkout::true_calibrations;
 use crate::counts::AccumulatedCounts;
 use crate::effects::CLEARANCE_SIGMA_ARCSEC;
@@ -131,9 +133,12 @@ pub struct AttitudeErrorStats {
 
 impl AttitudeErrorStats {
     /// Errors of estimates against the exact attitude.
-    pub fn from_estimates(estimates: &[StateEstimate], exact: &[UnitQuaternion<f64>]) -> AttitudeErrorStats {
+    pub fn from_estimates<'a>(
+        estimates: impl IntoIterator<Item = &'a StateEstimate>,
+        exact: &[UnitQuaternion<f64>],
+    ) -> AttitudeErrorStats {
         let mut errors: Vec<f64> = estimates
-            .iter()
+            .into_iter()
             .zip(exact)
             .map(|(estimate, exact)| {
                 let boresight = exact.inverse() * (estimate.attitude * Vector3::x());
@@ -207,10 +212,16 @@ pub fn survey_day(
     if with_sun {
         fixes.extend(day.sun.iter().cloned());
     }
-    let reconstruction = reconstruct(&day.counts, &calibrations, in_use, &noise, &fixes)?;
+    let mut estimates = Vec::with_capacity(day.counts.len() + 1);
+    let reconstruction =
+        reconstruct(&day.counts, &calibrations, in_use, &noise, &fixes, |_, own| estimates.push(*own))?;
+    estimates.reverse();
+    let errors = |of: fn(&NodeEstimates) -> &StateEstimate| {
+        AttitudeErrorStats::from_estimates(estimates.iter().map(of), &day.attitude)
+    };
     Ok(SurveyDayReport {
-        filtered: AttitudeErrorStats::from_estimates(&reconstruction.filtered, &day.attitude),
-        smoothed: AttitudeErrorStats::from_estimates(&reconstruction.smoothed, &day.attitude),
+        filtered: errors(|own| &own.filtered),
+        smoothed: errors(|own| &own.smoothed),
         fixes: fixes.len() - reconstruction.fixes_outside,
         reconstruction,
     })
