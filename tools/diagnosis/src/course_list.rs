@@ -33,10 +33,14 @@ pub struct CourseList {
 impl CourseList {
     pub fn new(bank: &SignatureBank, base: &ConstantSignature) -> CourseList {
         let mut list = CourseList { courses: Vec::new(), results: Vec::new() };
+        // In order of their onsets, as the grid has them.
         let mut steps: Vec<(f64, usize)> = Vec::new();
         for variation in bank.variations(base) {
             if let Some(onsets_s) = pulse_onsets_s(&variation) {
-                let at = |onset_s: f64| steps.iter().find(|step| (step.0 - onset_s).abs() < SAME_ONSET_S);
+                let at = |onset_s: f64| {
+                    let place = steps.partition_point(|step| step.0 <= onset_s - SAME_ONSET_S);
+                    steps.get(place).filter(|step| step.0 < onset_s + SAME_ONSET_S)
+                };
                 if let [Some((_, begin)), Some((_, end))] = onsets_s.map(at) {
                     list.results.push(Sweep::Pulse(variation, [*begin, *end]));
                 }

@@ -127,7 +127,7 @@ pub fn sweep<T: Linear>(
 ) {
     let list = CourseList::new(bank, base);
     let products = base.products.with_noise(normal, || CourseProducts::new(bank, base, &list, normal));
-    let mut kept = KeptProducts::new(products, base, normal, has);
+    let mut kept = KeptProducts::new(products, bank, base, &list, normal, has);
     let course = |place: usize| {
         let variation = &list.courses[place];
         let (parts, white) = match list.is_kept(place) {
