@@ -19,6 +19,7 @@ use ureq::Agent;
 use crate::Result;
 use crate::process::Emulator;
 use crate::rounds::{Rounds, Spread};
+use crate::table::Table;
 
 /// Event clients, beside the page.
 const EVENT_CLIENTS: usize = 8;
@@ -45,20 +46,26 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result {
     let part = Duration::from_secs_f64(arguments.duration);
     println!("alone and with clients, {} s in turn; {}", part.as_secs_f64(), arguments.rounds);
+    let mut table = Table::new("control", &["round", "clients", "lateness, open", "lateness, `--control off`"]);
     let mut differences_us = Vec::new();
     for round in 1..=arguments.rounds.count() {
-        println!("round {round}");
-        let alone_us = run_once(part, None)?;
-        let loaded_us = run_once(part, Some(arguments.browser.as_deref()))?;
-        differences_us.push(loaded_us - alone_us);
+        let mut medians_us = [0.0; 2];
+        for (median_us, clients) in medians_us.iter_mut().zip([None, Some(arguments.browser.as_deref())]) {
+            let (reached_us, requests, lateness) = run_once(part, clients)?;
+            *median_us = reached_us;
+            table.row([round.to_string(), requests].into_iter().chain(lateness));
+        }
+        differences_us.push(medians_us[1] - medians_us[0]);
     }
-    println!("median lateness with clients less alone, µs: {:+.1}", Spread::new(differences_us));
+    let difference = format!("{:+.1} µs", Spread::new(differences_us));
+    table.row(["all".to_owned(), "median with clients less that without".to_owned(), difference]);
+    println!("{table}");
     Ok(())
 }
 
-/// Runs both emulators, the open one with clients and perhaps a browser, and prints their lateness. Returns the median of the
-/// open one, µs.
-fn run_once(part: Duration, clients: Option<Option<&str>>) -> Result<f64> {
+/// Runs both emulators, the open one with clients and perhaps a browser. Returns the median of the open one, µs, what the clients did, and
+/// the lateness of both.
+fn run_once(part: Duration, clients: Option<Option<&str>>) -> Result<(f64, String, [String; 2])> {
     let mut open = Emulator::start(None, &["--control", "127.0.0.1:0"])?;
     let address = open.process.control_address();
     let address = address.map_err(|_| "geu run: no control interface became ready")?;
@@ -70,18 +77,19 @@ fn run_once(part: Duration, clients: Option<Option<&str>>) -> Result<f64> {
         thread::sleep(part.saturating_sub(start.elapsed()).min(Duration::from_secs(1)));
         last = status(&agent, &address)?["lateness"].clone();
     }
-    println!("  {}", if clients.is_some() { "with clients" } else { "alone" });
-    if let Some(load) = load {
+    let asked = load.map_or("none".to_owned(), |load| {
         let (asked, events) = load.end();
-        let per_s = asked as f64 / part.as_secs_f64();
-        println!("    {asked} requests ({per_s:.0}/s), {events} events to {EVENT_CLIENTS} clients and a page");
-    }
-    for (name, emulator) in [("control interface open", open), ("--control off", closed)] {
+        format!(
+            "{:.0} requests/s, {events} events to {EVENT_CLIENTS} clients and a page",
+            asked as f64 / part.as_secs_f64()
+        )
+    });
+    let lateness = [open, closed].map(|emulator| {
         let stderr = emulator.end();
-        let lateness = stderr.lines().find_map(|line| line.strip_prefix("lateness")).unwrap_or("no lateness printed");
-        println!("    {name:<24} {}", lateness.trim());
-    }
-    Ok(last["p50_us"].as_f64().unwrap_or(f64::NAN))
+        let line = stderr.lines().find_map(|line| line.strip_prefix("lateness")).unwrap_or("no lateness printed");
+        line.trim().to_owned()
+    });
+    Ok((last["p50_us"].as_f64().unwrap_or(f64::NAN), asked, lateness))
 }
 
 /// State of the emulator.

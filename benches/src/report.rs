@@ -34,9 +34,12 @@ pub struct Arguments {
     only: Vec<Part>,
     #[command(flatten)]
     rounds: Rounds,
-    /// Time of the cadence, and a quarter of it for each run of the control interface
+    /// Time of the cadence
     #[arg(long, value_name = "DURATION", default_value = "2m")]
     duration: String,
+    /// Browser for the control interface [default: an event client in its place]
+    #[arg(long, value_name = "PROGRAM")]
+    browser: Option<String>,
     /// The page
     #[arg(long, value_name = "FILE", default_value = "docs/benchmarks.md")]
     out: PathBuf,
@@ -50,6 +53,7 @@ enum Part {
     Calibrate,
     Diagnose,
     Growth,
+    Control,
     Cadence,
 }
 
@@ -58,6 +62,14 @@ impl Part {
         let name = self.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default();
         let options = match self {
             Part::Cadence => vec!["--duration".to_owned(), arguments.duration.clone()],
+            Part::Control => {
+                let browser = arguments.browser.iter().flat_map(|program| ["--browser".to_owned(), program.clone()]);
+                ["--duration", "30", "--runs", &arguments.rounds.count().to_string()]
+                    .map(str::to_owned)
+                    .into_iter()
+                    .chain(browser)
+                    .collect()
+            }
             _ => vec!["--runs".to_owned(), arguments.rounds.count().to_string()],
         };
         [name].into_iter().chain(options).collect()

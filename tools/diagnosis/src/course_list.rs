@@ -2,7 +2,6 @@
 //!
 //! A wave of any phase is a sum of two waves with a quarter period between them; a pulse is the difference of two steps.
 
-use std::collections::HashSet;
 use std::f64::consts::FRAC_PI_2;
 
 use crate::courses::{Variation, pulse_onsets_s};
@@ -72,12 +71,10 @@ impl CourseList {
         self.courses[place].is_of_time() && !matches!(self.courses[place], Variation::Onset { .. })
     }
 
-    /// Places of the kept courses that are whitened, `most` of a kind at once: not of courses that decay to the end, unless they belong to a
-    /// pulse.
+    /// Places of the kept courses that are whitened, `most` of a kind at once: with tails not of courses that decay to the end.
     pub fn whitened(&self, most: usize, has_tails: bool, block_s: f64) -> Vec<Vec<usize>> {
-        let of_pulses: HashSet<usize> = self.pairs().flatten().collect();
         let is_whitened = |place: &usize| {
-            let has_tail = has_tails && self.courses[*place].tail(block_s).is_some() && !of_pulses.contains(place);
+            let has_tail = has_tails && self.courses[*place].tail(block_s).is_some();
             self.is_kept(*place) && !has_tail
         };
         let all: Vec<usize> = (0..self.courses.len()).filter(is_whitened).collect();

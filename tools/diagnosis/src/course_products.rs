@@ -4,7 +4,7 @@
 //! whitened signature: the transposed filter makes of each a factor for every increment of the signature.
 
 use std::cmp::Reverse;
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use nalgebra::DVector;
@@ -15,7 +15,7 @@ use crate::linear_algebra::{dot, dots};
 use crate::measured::CHANNELS;
 use crate::normal_equations::{NormalEquations, ProjectedSignature};
 use crate::signature_bank::{ConstantSignature, SignatureBank};
-use crate::whitening::{Forms, TailProducts};
+use crate::whitening::{CoursePart, Forms, State, TailProducts, Whitening};
 use geu_hypothesis::amplitude::STEP;
 
 /// Noises of which products are kept: that of the start, that with larger walks, and that of the report.
@@ -43,15 +43,14 @@ impl CourseProducts {
         let groups = list.whitened(LANES, forms.is_some(), bank.block_s());
         let is_alone = groups.iter().all(|group| group.len() == 1);
         let whiten = if is_alone { Self::whiten::<1> } else { Self::whiten::<LANES> };
-        let both = whiten(&mut products, bank, base, list, normal, &groups);
+        products.both = whiten(&mut products, bank, base, list, normal, &groups);
         for (&channel, forms) in reached.iter().zip(forms.into_iter().flatten()) {
             products.tails(bank, base, list, normal, channel, forms);
         }
-        products.both = both;
         products
     }
 
-    /// Whitens these courses; returns the products of each pair.
+    /// Whitens these courses; returns the products of each pair of them, and 0 for others.
     fn whiten<const LANES: usize>(
         &mut self,
         bank: &SignatureBank,
@@ -116,13 +115,13 @@ impl CourseProducts {
             false => with_next[one],
             true => std::array::from_fn(|channel| {
                 let [one, other] = [one, other].map(|place| &steps[place][channel]);
-                dot(&one[one.len() - other.len()..], other)
+                dot(&one[one.len().saturating_sub(other.len())..], other)
             }),
         };
         list.pairs().map(both).collect()
     }
 
-    /// Adds the courses on a channel that decay to the end and are not whitened.
+    /// Adds the courses on a channel that decay to the end and are not whitened, and their pairs.
     fn tails(
         &mut self,
         bank: &SignatureBank,
@@ -139,6 +138,11 @@ impl CourseProducts {
         };
         let mut tails: Vec<(u64, Reverse<usize>, usize)> = (0..list.courses.len()).filter_map(tail).collect();
         tails.retain(|(.., place)| self.courses[channel][*place].is_empty());
+        let tail_of: HashMap<usize, (u64, Reverse<usize>)> =
+            tails.iter().map(|(decay, block, place)| (*place, (*decay, *block))).collect();
+        let pairs: Vec<(usize, [usize; 2])> =
+            list.pairs().enumerate().filter(|(_, two)| two.iter().all(|place| tail_of.contains_key(place))).collect();
+        let states = states_before(bank, base, list, normal.whitening(channel), channel, &pairs);
         let decays: Vec<u64> = tails.iter().map(|tail| tail.0).collect::<BTreeSet<_>>().into_iter().collect();
         let of_recording = normal.transposed()[channel].1.iter().filter(|own| own.0 < normal.of_recording());
         let derivatives: Vec<&[f64]> = of_recording.map(|(_, derivatives)| &derivatives[..]).collect();
@@ -149,6 +153,13 @@ impl CourseProducts {
                 tails.iter().filter_map(|(decay, block, place)| Some((*block, lane(*decay)?, *place))).collect();
             tails.sort_unstable();
             let mut tails = tails.into_iter().peekable();
+            let end = |(pair, (number, two)): (usize, &(usize, [usize; 2]))| {
+                let (decay, block) = tail_of[&two[1]];
+                Some((block, lane(decay)?, pair, *number))
+            };
+            let mut ends: Vec<_> = pairs.iter().enumerate().filter_map(end).collect();
+            ends.sort_unstable();
+            let mut ends = ends.into_iter().peekable();
             let of_lanes = std::array::from_fn(|lane| decays.get(lane).map_or(1.0, |decay| f64::from_bits(*decay)));
             normal.whitening(channel).tails::<LANES, _>(forms, &increment, of_lanes, &derivatives, |block, tail| {
                 while let Some((_, lane, place)) = tails.next_if(|tail| tail.0.0 == block) {
@@ -158,9 +169,68 @@ impl CourseProducts {
                         tail.course(lane, block, &values[..=block - course.first_block(bank.block_s())]);
                     self.courses[channel][place] = std::iter::once(square).chain(products).collect();
                 }
+                while let Some((_, lane, pair, number)) = ends.next_if(|end| end.0.0 == block) {
+                    let [one, other] = pairs[pair].1.map(|place| &list.courses[place]);
+                    let [begin, from] = [one, other].map(|course| course.first_block(bank.block_s()));
+                    let values = [one, other].map(|course| bank.values(base, course).unwrap_or_default());
+                    let parts = [
+                        CoursePart {
+                            state: states[pair],
+                            before: if from > begin { values[0][from - begin - 1] } else { 0.0 },
+                            values: &values[0][from - begin..=block - begin],
+                        },
+                        CoursePart { state: State::default(), before: 0.0, values: &values[1][..=block - from] },
+                    ];
+                    self.both[number][channel] = tail.product(lane, block, parts);
+                }
             });
         }
     }
+}
+
+/// For each pair of courses the state of the filter for the first before the first block of the second.
+fn states_before(
+    bank: &SignatureBank,
+    base: &ConstantSignature,
+    list: &CourseList,
+    whitening: &Whitening,
+    channel: usize,
+    pairs: &[(usize, [usize; 2])],
+) -> Vec<State> {
+    let mut states = vec![State::default(); pairs.len()];
+    let first_block = |place: usize| list.courses[place].first_block(bank.block_s());
+    let begins: Vec<usize> = pairs.iter().map(|(_, two)| two[0]).collect::<BTreeSet<_>>().into_iter().collect();
+    for begins in begins.chunks(LANES) {
+        let of_pair = |(pair, (_, [one, other])): (usize, &(usize, [usize; 2]))| {
+            Some((first_block(*other), begins.binary_search(one).ok()?, pair))
+        };
+        let mut wanted: Vec<_> = pairs.iter().enumerate().filter_map(of_pair).collect();
+        wanted.sort_unstable();
+        let courses: Vec<_> = begins
+            .iter()
+            .map(|&place| (first_block(place), bank.values(base, &list.courses[place]).unwrap_or_default()))
+            .collect();
+        let from = courses.iter().map(|course| course.0).min().unwrap_or(0);
+        let to = wanted.last().map_or(from, |last| last.0 + 1);
+        let mut before = [0.0; LANES];
+        let increments = |block: usize| {
+            let (size, falls) = of_value(&base.series[channel], base.mode, block);
+            let value = |lane: usize| {
+                let (first, values) = courses.get(lane)?;
+                values.get(block.checked_sub(*first)?).copied()
+            };
+            let own: [f64; LANES] = std::array::from_fn(|lane| size * value(lane).unwrap_or(0.0));
+            let before = std::mem::replace(&mut before, own);
+            std::array::from_fn(|lane| own[lane] - falls * before[lane])
+        };
+        let mut wanted = wanted.into_iter().peekable();
+        whitening.states::<LANES>(from..to, increments, |block, state| {
+            while let Some((_, lane, pair)) = wanted.next_if(|own| own.0 == block) {
+                states[pair] = state.map(|lanes| lanes[lane]);
+            }
+        });
+    }
+    states
 }
 
 /// Sums of the factors times the values of each course.

@@ -17,7 +17,7 @@ use crate::measured::Block;
 use crate::rounding::BlockRounding;
 
 use covariance::{Covariance, OfState, RATES, SLOW, slow_decays};
-pub use tails::{Forms, Tail, TailProducts};
+pub use tails::{CoursePart, Forms, State, Tail, TailProducts};
 
 /// Noise of one channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -202,20 +202,20 @@ impl Whitening {
         let [mut left, mut turn, mut error] = [[0.0; LANES]; 3];
         let (mut slow_turns, decays) = ([[0.0; LANES]; FLICKER], self.decays);
         for block in blocks {
+            // One operation on all lanes after the other: the compiler makes vectors of them.
             let (step, increments) = (&self.steps[block], increments(block));
-            let mut white = [0.0; LANES];
-            for lane in 0..LANES {
-                let innovation = increments[lane] + left[lane];
-                left[lane] = step.remainder * innovation - (turn[lane] + (step.persistence - 1.0) * error[lane]);
-                turn[lane] += step.gains[0] * innovation;
-                error[lane] = step.persistence * error[lane] + step.gains[1] * innovation;
-                for slow in 0..FLICKER {
-                    let turn = &mut slow_turns[slow][lane];
-                    left[lane] -= *turn;
-                    *turn = decays[slow] * *turn + self.slow_gains[block][slow] * innovation;
-                }
-                white[lane] = innovation * step.weight;
+            let innovation: [f64; LANES] = std::array::from_fn(|lane| increments[lane] + left[lane]);
+            left = std::array::from_fn(|lane| {
+                step.remainder * innovation[lane] - (turn[lane] + (step.persistence - 1.0) * error[lane])
+            });
+            turn = std::array::from_fn(|lane| turn[lane] + step.gains[0] * innovation[lane]);
+            error = std::array::from_fn(|lane| step.persistence * error[lane] + step.gains[1] * innovation[lane]);
+            for slow in 0..FLICKER {
+                let (decay, gain) = (decays[slow], self.slow_gains[block][slow]);
+                left = std::array::from_fn(|lane| left[lane] - slow_turns[slow][lane]);
+                slow_turns[slow] = std::array::from_fn(|lane| decay * slow_turns[slow][lane] + gain * innovation[lane]);
             }
+            let white = innovation.map(|innovation| innovation * step.weight);
             push(block, white);
         }
     }

@@ -4,11 +4,13 @@
 //! course decays from block to block by a constant factor, the form of a block follows from the next block's, and gives the squares of all
 //! courses that begin there.
 
+use std::ops::Range;
+
 use super::Whitening;
 
 /// State of the filter without flicker: what the innovation before leaves less what is predicted, the turn by the rate, the rounding error.
 const STATE: usize = 3;
-type State = [f64; STATE];
+pub type State = [f64; STATE];
 
 /// The form of the blocks after one.
 #[derive(Debug, Clone, Copy)]
@@ -46,6 +48,14 @@ pub struct Tail<'a, const LANES: usize, I> {
     derivatives: &'a [&'a [f64]],
     decays: [f64; LANES],
     later: Later<LANES>,
+}
+
+/// A course from a block on: the filter's state before it, the value in the block before, and the values.
+#[derive(Debug, Clone, Copy)]
+pub struct CoursePart<'a> {
+    pub state: State,
+    pub before: f64,
+    pub values: &'a [f64],
 }
 
 /// Square and products of a whitened course.
@@ -108,6 +118,28 @@ impl Whitening {
         ]
     }
 
+    /// Passes the state before each block to `visit`, of several courses given by their increments.
+    pub fn states<const LANES: usize>(
+        &self,
+        blocks: Range<usize>,
+        mut increments: impl FnMut(usize) -> [f64; LANES],
+        mut visit: impl FnMut(usize, &[[f64; LANES]; STATE]),
+    ) {
+        let mut state = [[0.0; LANES]; STATE];
+        for block in blocks {
+            visit(block, &state);
+            let (left, persistence) = (self.left_by_innovation(block), self.steps[block].persistence);
+            let (increments, [before, turn, error]) = (increments(block), state);
+            let innovation: [f64; LANES] = std::array::from_fn(|lane| increments[lane] + before[lane]);
+            let predicted: [f64; LANES] = std::array::from_fn(|lane| turn[lane] + (persistence - 1.0) * error[lane]);
+            state = [
+                std::array::from_fn(|lane| left[0] * innovation[lane] - predicted[lane]),
+                std::array::from_fn(|lane| left[1] * innovation[lane] + turn[lane]),
+                std::array::from_fn(|lane| left[2] * innovation[lane] + persistence * error[lane]),
+            ];
+        }
+    }
+
     /// Passes the courses that begin at each block to `visit`, the last block first. [`Whitening::transposed`] gives the
     /// `derivatives` of products by the increments.
     pub fn tails<const LANES: usize, I: Increment>(
@@ -162,28 +194,50 @@ impl<const LANES: usize, I: Increment> Tail<'_, LANES, I> {
         }
     }
 
+    /// Product of two courses with these parts up to this block, which decay from there on.
+    pub fn product(&self, lane: usize, block: usize, parts: [CoursePart; 2]) -> f64 {
+        let first = block + 1 - parts[0].values.len();
+        let before = first.checked_sub(1).map_or((0.0, 0.0), |before| (self.increment)(before));
+        let mut states = parts.map(|part| part.state);
+        let mut falling = parts.map(|part| before.1 * before.0 * part.before);
+        let mut sum = 0.0;
+        for (place, block) in (first..=block).enumerate() {
+            let (size, falls) = (self.increment)(block);
+            let mut product = self.whitening.steps[block].weight.powi(2);
+            for (part, (state, falling)) in parts.iter().zip(states.iter_mut().zip(&mut falling)) {
+                let value = size * part.values[place];
+                let innovation = value - *falling + state[0];
+                *falling = falls * value;
+                *state = self.whitening.advanced(block, state, innovation);
+                product *= innovation;
+            }
+            sum += product;
+        }
+        let next = parts.map(|part| self.decays[lane] * part.values.last().copied().unwrap_or(0.0));
+        let after = &self.forms.0[block].after;
+        for row in 0..STATE {
+            let [one, other] = states.map(|state| state[row]);
+            let quadratic: f64 = (0..STATE).map(|column| after[row][column] * states[1][column]).sum();
+            sum += one * quadratic + (next[1] * one + next[0] * other) * self.later.linear[row][lane];
+        }
+        sum + next[0] * next[1] * self.later.square[lane]
+    }
+
     /// The course that begins with these values up to this block, and decays from there on.
     pub fn course(&self, lane: usize, block: usize, values: &[f64]) -> TailProducts {
         let first = block + 1 - values.len();
-        let mut all = TailProducts { square: 0.0, products: vec![0.0; self.derivatives.len()] };
-        let (mut state, mut falling) = ([0.0; STATE], 0.0);
+        let part = CoursePart { state: [0.0; STATE], before: 0.0, values };
+        let mut all =
+            TailProducts { square: self.product(lane, block, [part; 2]), products: vec![0.0; self.derivatives.len()] };
+        let mut falling = 0.0;
         for (block, value) in (first..).zip(values) {
             let (size, falls) = (self.increment)(block);
             let increment = size * value - falling;
             falling = falls * size * value;
-            let innovation = increment + state[0];
-            all.square += (self.whitening.steps[block].weight * innovation).powi(2);
-            state = self.whitening.advanced(block, &state, innovation);
             let products = all.products.iter_mut().zip(self.derivatives);
             products.for_each(|(product, derivatives)| *product += increment * derivatives[block]);
         }
         let next = self.decays[lane] * values.last().copied().unwrap_or(0.0);
-        let after = &self.forms.0[block].after;
-        for row in 0..STATE {
-            let quadratic: f64 = (0..STATE).map(|column| after[row][column] * state[column]).sum();
-            all.square += state[row] * (quadratic + 2.0 * next * self.later.linear[row][lane]);
-        }
-        all.square += next * next * self.later.square[lane];
         let products = all.products.iter_mut().zip(&self.later.products);
         products.for_each(|(product, later)| *product += next * later[lane]);
         all

@@ -119,6 +119,55 @@ fn tails_equal_whitened_courses() {
 }
 
 #[test]
+fn products_of_two_tails_equal_those_of_whitened_courses() {
+    let (whitening, [sizes, _]) = broken(0.0, 200);
+    // The first begins with the recording, the second later, in part in its first block.
+    let [one, other] = [(0, 0.4), (37, 0.7)].map(|(first, begun): (usize, f64)| {
+        let value = |block: usize| {
+            if block < first {
+                0.0
+            } else if block == first {
+                begun
+            } else {
+                1.0
+            }
+        };
+        (0..200).map(value).collect::<Vec<f64>>()
+    });
+    for falls in [0.0, 1.0] {
+        let increment = |values: &[f64], block: usize| {
+            let before = block.checked_sub(1).map_or(0.0, |before| sizes[before] * values[before]);
+            sizes[block] * values[block] - falls * before
+        };
+        let white = [&one, &other].map(|values| {
+            let mut sum = 0.0;
+            let of_block = |block: usize| {
+                sum += increment(values, block);
+                sum
+            };
+            whitening.apply(&(0..200).map(of_block).collect::<Vec<f64>>())
+        });
+        let product: f64 = white[0].iter().zip(&white[1]).map(|(one, other)| one * other).sum();
+        let mut states = Vec::new();
+        whitening.states::<1>(0..38, |block| [increment(&one, block)], |_, state| states.push(*state));
+        let state = states[37].map(|[own]| own);
+        let mut found = Vec::new();
+        whitening.tails(whitening.forms().unwrap(), &|block| (sizes[block], falls), [1.0], &[], |block, tail| {
+            // Wherever the parts end.
+            if (38..=50).contains(&block) || block == 199 {
+                let first = CoursePart { state, before: one[36], values: &one[37..=block] };
+                let second = CoursePart { state: State::default(), before: 0.0, values: &other[37..=block] };
+                found.push(tail.product(0, block, [first, second]));
+            }
+        });
+        assert_eq!(found.len(), 14);
+        for found in found {
+            assert!((found - product).abs() < 1e-9 * product.abs().max(1.0), "{falls}: {found} {product}");
+        }
+    }
+}
+
+#[test]
 fn a_count_that_flips_at_rest_is_no_evidence() {
     let noise = NoiseModel { white: 1e-6, angle_walk: 0.005, rate_walk: 0.0, scale_walk: 0.0, flicker: 0.0 };
     let blocks = vec![Block::COMPARED; 20_000];
