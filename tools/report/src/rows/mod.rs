@@ -68,16 +68,16 @@ fn write_fields<const IS_JSON: bool, const LENGTH: usize>(row: &ReceivedSample, 
     let mut line = Line::<IS_JSON, LENGTH>::new();
     let sample = &row.sample;
     line.field(0, row.time, |line, time| line.seconds(time));
-    line.field(1, Some(sample.sequence), |line, value| line.short(value.into(), 5));
+    line.field(1, Some(sample.sequence), |line, value| line.short::<5>(value.into()));
     line.field(2, row.has_clock.then_some(sample.clock_count), |line, value| line.unsigned(value));
     for (index, increment) in sample.increments.into_iter().enumerate() {
         line.field(3 + index, Some(increment), |line, value| {
             line.minus(value < 0);
-            line.short(value.unsigned_abs().into(), 5);
+            line.short::<5>(value.unsigned_abs().into());
         });
     }
-    line.field(7, Some(sample.gyro_flags), |line, value| line.short(value.into(), 3));
-    line.field(8, Some(sample.unit_flags), |line, value| line.short(value.into(), 3));
+    line.field(7, Some(sample.gyro_flags), |line, value| line.short::<3>(value.into()));
+    line.field(8, Some(sample.unit_flags), |line, value| line.short::<3>(value.into()));
     line.field(9, Some(sample.electronics_centi_c), |line, value| line.hundredths(value));
     line.field(10, row.has_clock.then_some(sample.sensor_centi_c), |line, value| line.hundredths(value));
     out.extend_from_slice(&line.bytes[..line.length]);
@@ -106,6 +106,7 @@ struct Line<const IS_JSON: bool, const LENGTH: usize> {
 
 const ZEROS: u64 = 0x3030_3030_3030_3030;
 const EIGHT_DIGITS: u64 = 100_000_000;
+const POWERS_OF_TEN: [u64; 8] = [1, 10, 100, 1000, 10_000, 100_000, 1_000_000, 10_000_000];
 
 /// The eight decimal digits of a number below 100 000 000 as values from 0 to 9, the first in the lowest byte: pairs of four,
 /// two and one digit are divided at once.
@@ -153,24 +154,27 @@ impl<const IS_JSON: bool, const LENGTH: usize> Line<IS_JSON, LENGTH> {
         }
     }
 
-    /// Appends a number below 10 to the power of `digits`, at most 8. The length depends on comparisons alone, and not on the
+    /// Appends a number below 10 to the power of `DIGITS`, at most 8. The length depends on comparisons alone, and not on the
     /// digits, so that the next field need not wait for them.
     #[inline(always)]
-    fn short(&mut self, value: u64, digits: u32) {
-        let length = 1 + (1..digits).map(|power| usize::from(value >= 10u64.pow(power))).sum::<usize>();
+    fn short<const DIGITS: usize>(&mut self, value: u64) {
+        let mut length = 1;
+        for least in &POWERS_OF_TEN[1..DIGITS] {
+            length += usize::from(value >= *least);
+        }
         self.push_word((eight_digits(value) | ZEROS) >> (64 - 8 * length), length);
     }
 
     #[inline]
     fn unsigned(&mut self, value: u64) {
         if value < EIGHT_DIGITS {
-            return self.short(value, 8);
+            return self.short::<8>(value);
         }
         let (high, low) = (value / EIGHT_DIGITS, value % EIGHT_DIGITS);
         if high < EIGHT_DIGITS {
-            self.short(high, 8);
+            self.short::<8>(high);
         } else {
-            self.short(high / EIGHT_DIGITS, 4);
+            self.short::<4>(high / EIGHT_DIGITS);
             self.push_word(eight_digits(high % EIGHT_DIGITS) | ZEROS, 8);
         }
         self.push_word(eight_digits(low) | ZEROS, 8);
@@ -186,7 +190,7 @@ impl<const IS_JSON: bool, const LENGTH: usize> Line<IS_JSON, LENGTH> {
     fn hundredths(&mut self, value: i16) {
         self.minus(value < 0);
         let magnitude = u64::from(value.unsigned_abs());
-        self.short(magnitude / 100, 3);
+        self.short::<3>(magnitude / 100);
         // The last two of eight digits.
         let digits = (eight_digits(magnitude % 100) | ZEROS) >> 40;
         self.push_word(digits & !0xFF | u64::from(b'.'), 3);
