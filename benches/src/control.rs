@@ -58,7 +58,7 @@ pub fn run(arguments: &Arguments) -> Result {
         differences_us.push(medians_us[1] - medians_us[0]);
     }
     let difference = format!("{:+.1} µs", Spread::new(differences_us));
-    table.row(["all".to_owned(), "median with clients less that without".to_owned(), difference]);
+    table.row(["all".to_owned(), "median with clients minus that without".to_owned(), difference]);
     println!("{table}");
     Ok(())
 }
@@ -77,19 +77,18 @@ fn run_once(part: Duration, clients: Option<Option<&str>>) -> Result<(f64, Strin
         thread::sleep(part.saturating_sub(start.elapsed()).min(Duration::from_secs(1)));
         last = status(&agent, &address)?["lateness"].clone();
     }
-    let asked = load.map_or("none".to_owned(), |load| {
+    let page = if clients.flatten().is_some() { " and a page" } else { " and one more" };
+    let clients = load.map_or("none".to_owned(), |load| {
         let (asked, events) = load.end();
-        format!(
-            "{:.0} requests/s, {events} events to {EVENT_CLIENTS} clients and a page",
-            asked as f64 / part.as_secs_f64()
-        )
+        format!("{:.0} requests/s, {events} events to {EVENT_CLIENTS} clients{page}", asked as f64 / part.as_secs_f64())
     });
     let lateness = [open, closed].map(|emulator| {
         let stderr = emulator.end();
         let line = stderr.lines().find_map(|line| line.strip_prefix("lateness")).unwrap_or("no lateness printed");
         line.trim().to_owned()
     });
-    Ok((last["p50_us"].as_f64().unwrap_or(f64::NAN), asked, lateness))
+    let median_us = last["p50_us"].as_f64().ok_or("/api/status: expected a median of the lateness, got none")?;
+    Ok((median_us, clients, lateness))
 }
 
 /// State of the emulator.

@@ -111,7 +111,10 @@ impl fmt::Display for Spread {
     /// `median (min…max)`, with the precision and the width of the format.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let decimals = f.precision().unwrap_or(1);
-        let text = format!("{:.decimals$} ({:.decimals$}…{:.decimals$})", self.median, self.min, self.max);
+        let text = match f.sign_plus() {
+            true => format!("{:+.decimals$} ({:+.decimals$}…{:+.decimals$})", self.median, self.min, self.max),
+            false => format!("{:.decimals$} ({:.decimals$}…{:.decimals$})", self.median, self.min, self.max),
+        };
         match f.width() {
             Some(width) => write!(f, "{text:>width$}"),
             None => f.write_str(&text),

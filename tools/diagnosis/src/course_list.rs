@@ -2,7 +2,9 @@
 //!
 //! A wave of any phase is a sum of two waves with a quarter period between them; a pulse is the difference of two steps.
 
+use std::cmp::Reverse;
 use std::f64::consts::FRAC_PI_2;
+use std::hash::{DefaultHasher, Hash, Hasher};
 
 use crate::courses::{Variation, pulse_onsets_s};
 use crate::signature_bank::{ConstantSignature, SignatureBank};
@@ -10,6 +12,9 @@ use geu_hypothesis::amplitude::STEP;
 
 /// Onsets of the grid differ by more.
 const SAME_ONSET_S: f64 = 1e-3;
+
+/// Bits of the ratio of the values in consecutive blocks, and the first of these.
+pub type Tail = (u64, Reverse<usize>);
 
 /// A result of a sweep, with the places of its courses.
 pub enum Sweep {
@@ -71,7 +76,20 @@ impl CourseList {
         self.courses[place].is_of_time() && !matches!(self.courses[place], Variation::Onset { .. })
     }
 
-    /// Places of the kept courses that are whitened, `most` of a kind at once: with tails not of courses that decay to the end.
+    /// From which block on a kept course decays to the end, at most the last one; `None` for other forms.
+    pub fn tail(&self, place: usize, blocks: usize, block_s: f64) -> Option<Tail> {
+        let (decay, block) = self.courses[place].tail(block_s).filter(|_| self.is_kept(place))?;
+        Some((decay, Reverse(block.min(blocks - 1))))
+    }
+
+    /// Hash of the kinds of the courses: courses of the temperature depend on its delay.
+    pub fn key(&self) -> u64 {
+        let mut hasher = DefaultHasher::new();
+        self.courses.iter().for_each(|course| course.kind().hash(&mut hasher));
+        hasher.finish()
+    }
+
+    /// Places of the kept courses that are whitened, `most` of a kind at once; if they have tails, without courses that decay to the end.
     pub fn whitened(&self, most: usize, has_tails: bool, block_s: f64) -> Vec<Vec<usize>> {
         let is_whitened = |place: &usize| {
             let has_tail = has_tails && self.courses[*place].tail(block_s).is_some();

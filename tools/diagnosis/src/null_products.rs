@@ -173,7 +173,7 @@ fn product(values: &[f64], recordings: &[OfRuns]) -> OfRuns {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
 
     use std::sync::Arc;
@@ -195,7 +195,7 @@ mod tests {
     use geu_protocol::Gyros;
 
     /// Half an hour of turns about all axes, with a lost sample.
-    fn measured(nominal: &Configuration) -> MeasuredData {
+    pub(crate) fn measured(nominal: &Configuration) -> MeasuredData {
         let row = |node: usize| AttitudeRow {
             t_s: node as f64 * SAMPLE_INTERVAL_S,
             angle_control_arcsec: [200, 310, 170]

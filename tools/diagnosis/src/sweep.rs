@@ -126,7 +126,7 @@ pub fn sweep<T: Linear>(
     mut push: impl FnMut(&Variation, &Swept<T>),
 ) {
     let list = CourseList::new(bank, base);
-    let products = base.products.with_noise(normal, || CourseProducts::new(bank, base, &list, normal));
+    let products = base.products.with_noise(&list, normal, || CourseProducts::new(bank, base, &list, normal));
     let mut kept = KeptProducts::new(products, bank, base, &list, normal, has);
     let course = |place: usize| {
         let variation = &list.courses[place];

@@ -17,7 +17,7 @@ use crate::measured::Block;
 use crate::rounding::BlockRounding;
 
 use covariance::{Covariance, OfState, RATES, SLOW, slow_decays};
-pub use tails::{CoursePart, Forms, State, Tail, TailProducts};
+pub use tails::{CoursePart, FilterState, Forms, Tail, TailProducts};
 
 /// Noise of one channel.
 #[derive(Debug, Clone, Copy, PartialEq)]

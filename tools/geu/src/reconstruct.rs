@@ -200,3 +200,28 @@ fn write_rows(
     }
     output.flush()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_are_in_order_of_time() {
+        let mut counts = AccumulatedCounts::starting_at(1_790_000_000_000_000_000);
+        [0.5, 1.0].map(|end_s| counts.push(end_s, &[0.0; 4], 20.0));
+        let attitude = |turn: f64| UnitQuaternion::from_scaled_axis([turn, 0.0, 0.0].into());
+        // The last node first, as they are visited.
+        let rows = [(attitude(2.0), [4.0, 5.0, 6.0]), (attitude(0.0), [1.0, 2.0, 3.0])];
+        let mut text = Vec::new();
+        write_rows(&mut text, &counts, &rows).unwrap();
+        let text = String::from_utf8(text).unwrap();
+        let lines: Vec<&str> = text.lines().skip(1).collect();
+        assert_eq!(
+            lines,
+            [
+                "1790000000.500000,1.000000000000,0.000000000000,0.000000000000,0.000000000000,1.000,2.000,3.000",
+                "1790000001.000000,0.540302305868,0.841470984808,0.000000000000,0.000000000000,4.000,5.000,6.000",
+            ]
+        );
+    }
+}

@@ -1,69 +1,23 @@
 //! The filter forward and the smoother backward over the nodes.
 
-use std::borrow::Cow;
-
 use geu_model::package::Calibration;
 use geu_model::units::{ARCSEC_PER_RAD, RAD_PER_DEG, SAMPLE_INTERVAL_S, SUN_RATE_RAD_S};
-use geu_protocol::Gyros;
 use nalgebra::{Matrix3, Matrix3x4, Matrix4, UnitQuaternion, Vector3};
 
 use super::covariance::{
     ATTITUDE, Adjoint, Covariance, DRIFT, GYROS, Gain, MISALIGNMENT, SCALE_FACTOR, SYSTEMATIC, Step, THERMAL, Vector,
 };
 use super::{AttitudeFix, FilterNoise, FixMeasurement, Innovation, NodeEstimates, StateEstimate};
-use crate::counts::{AccumulatedCounts, BreakKind};
+use crate::counts::AccumulatedCounts;
 use crate::transfer::{GyroSet, Transfer};
 
 /// The axes about which the gyros in use are misaligned: the two that are not their own.
 const OFF_AXIS: [[usize; 2]; GYROS] = [[1, 2], [0, 2], [0, 1]];
-/// Number of samples whose mean replaces a lost one: two periods of the limit cycle (Casteren §3.3).
-const MEAN_OVER: usize = 20;
 /// An attitude less certain than this is lost: the next fix of the whole attitude starts it anew. A degree, at which the
 /// square of the error, 63″, is no longer small.
 const LOST_ARCSEC: f64 = 3600.0;
-/// Samples between checkpoints, from which the smoother makes the nodes again: 3 MB at a time, where those of a day are 440 MB.
+/// Samples between checkpoints, from which the smoother makes the nodes again: 3 MB at a time, where the nodes of a day take 550 MB.
 const CHECKPOINT: usize = 1024;
-
-/// The counts with lost samples filled in, and for each sample and gyro in use the number of successive lost samples up to
-/// it; 0 if it is present. Empty if none is lost.
-pub(super) fn fill_gaps(counts: &AccumulatedCounts, in_use: GyroSet) -> (Cow<'_, AccumulatedCounts>, Vec<[u32; 4]>) {
-    let used = in_use.gyros();
-    let is_lost = |gyros: Gyros| (0..4).any(|gyro| used[gyro] && gyros[gyro]);
-    let mut breaks =
-        counts.breaks.iter().filter(|found| found.kind != BreakKind::TimeJump && is_lost(found.gyros)).peekable();
-    if breaks.peek().is_none() {
-        return (Cow::Borrowed(counts), Vec::new());
-    }
-    let mut lost = vec![[0; 4]; counts.len()];
-    for found in breaks {
-        let last = found.to.min(lost.len());
-        for sample in &mut lost[found.from.min(last)..last] {
-            for gyro in 0..4 {
-                sample[gyro] |= u32::from(used[gyro] && found.gyros[gyro]);
-            }
-        }
-    }
-    let mut filled = counts.clone();
-    for gyro in 0..4 {
-        // As many as there are until there are enough.
-        let (mut recent, mut seen, mut on_end) = ([0.0; MEAN_OVER], 0, 0);
-        for (sample, lost) in lost.iter_mut().enumerate() {
-            let kept = seen.min(MEAN_OVER);
-            on_end = if lost[gyro] == 0 { 0 } else { on_end + 1 };
-            lost[gyro] = on_end;
-            let increment = if on_end > 0 {
-                recent[..kept].iter().sum::<f64>() / kept.max(1) as f64
-            } else {
-                let increment = counts.accumulated[gyro][sample + 1] - counts.accumulated[gyro][sample];
-                recent[seen % MEAN_OVER] = increment;
-                seen += 1;
-                increment
-            };
-            filled.accumulated[gyro][sample + 1] = filled.accumulated[gyro][sample] + increment;
-        }
-    }
-    (Cow::Owned(filled), lost)
-}
 
 /// The nominal values whose errors are estimated.
 #[derive(Debug, Clone, Copy)]
@@ -150,7 +104,7 @@ pub(super) struct Filter<'a> {
     now: Node,
     checkpoints: Vec<(usize, Node)>,
     events: Vec<(usize, Event)>,
-    pub innovations: Vec<Innovation>,
+    innovations: Vec<Innovation>,
 }
 
 impl<'a> Filter<'a> {

@@ -122,6 +122,12 @@ pub fn with_errors(calibrations: &[Calibration; 4], noise: &FilterNoise, seed: u
     })
 }
 
+/// Error of the boresight of an estimate.
+fn boresight_error_arcsec(estimate: &StateEstimate, exact: &UnitQuaternion<f64>) -> f64 {
+    let boresight = exact.inverse() * (estimate.attitude * Vector3::x());
+    boresight.y.hypot(boresight.z) * ARCSEC_PER_RAD
+}
+
 /// Errors of the boresight over a run, arcsec.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct AttitudeErrorStats {
@@ -133,18 +139,13 @@ pub struct AttitudeErrorStats {
 
 impl AttitudeErrorStats {
     /// Errors of estimates against the exact attitude.
-    pub fn from_estimates<'a>(
-        estimates: impl IntoIterator<Item = &'a StateEstimate>,
-        exact: &[UnitQuaternion<f64>],
-    ) -> AttitudeErrorStats {
-        let mut errors: Vec<f64> = estimates
-            .into_iter()
-            .zip(exact)
-            .map(|(estimate, exact)| {
-                let boresight = exact.inverse() * (estimate.attitude * Vector3::x());
-                boresight.y.hypot(boresight.z) * ARCSEC_PER_RAD
-            })
-            .collect();
+    pub fn from_estimates(estimates: &[StateEstimate], exact: &[UnitQuaternion<f64>]) -> AttitudeErrorStats {
+        AttitudeErrorStats::new(
+            estimates.iter().zip(exact).map(|(own, exact)| boresight_error_arcsec(own, exact)).collect(),
+        )
+    }
+
+    fn new(mut errors: Vec<f64>) -> AttitudeErrorStats {
         if errors.is_empty() {
             return AttitudeErrorStats::default();
         }
@@ -212,19 +213,15 @@ pub fn survey_day(
     if with_sun {
         fixes.extend(day.sun.iter().cloned());
     }
-    let mut estimates = Vec::with_capacity(day.counts.len() + 1);
-    let reconstruction =
-        reconstruct(&day.counts, &calibrations, in_use, &noise, &fixes, |_, own| estimates.push(*own))?;
-    estimates.reverse();
-    let errors = |of: fn(&NodeEstimates) -> &StateEstimate| {
-        AttitudeErrorStats::from_estimates(estimates.iter().map(of), &day.attitude)
+    let mut errors: [Vec<f64>; 2] = Default::default();
+    let visit = |node: usize, own: &NodeEstimates| {
+        for (errors, estimate) in errors.iter_mut().zip([&own.filtered, &own.smoothed]) {
+            errors.push(boresight_error_arcsec(estimate, &day.attitude[node]));
+        }
     };
-    Ok(SurveyDayReport {
-        filtered: errors(|own| &own.filtered),
-        smoothed: errors(|own| &own.smoothed),
-        fixes: fixes.len() - reconstruction.fixes_outside,
-        reconstruction,
-    })
+    let reconstruction = reconstruct(&day.counts, &calibrations, in_use, &noise, &fixes, visit)?;
+    let [filtered, smoothed] = errors.map(AttitudeErrorStats::new);
+    Ok(SurveyDayReport { filtered, smoothed, fixes: fixes.len() - reconstruction.fixes_outside, reconstruction })
 }
 
 #[derive(Debug, Clone, PartialEq)]

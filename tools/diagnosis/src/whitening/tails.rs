@@ -8,17 +8,17 @@ use std::ops::Range;
 
 use super::Whitening;
 
-/// State of the filter without flicker: what the innovation before leaves less what is predicted, the turn by the rate, the rounding error.
+/// FilterState of the filter without flicker: what the innovation before leaves less what is predicted, the turn by the rate, the rounding error.
 const STATE: usize = 3;
-pub type State = [f64; STATE];
+pub type FilterState = [f64; STATE];
 
 /// The form of the blocks after one.
 #[derive(Debug, Clone, Copy)]
 struct BlockForm {
     /// Form of the state before the next block.
-    after: [State; STATE],
+    after: [FilterState; STATE],
     /// The form's product with what an innovation of 1 leaves.
-    turned: State,
+    turned: FilterState,
     /// Square of the innovations after an increment of 1.
     square: f64,
 }
@@ -53,7 +53,7 @@ pub struct Tail<'a, const LANES: usize, I> {
 /// A course from a block on: the filter's state before it, the value in the block before, and the values.
 #[derive(Debug, Clone, Copy)]
 pub struct CoursePart<'a> {
-    pub state: State,
+    pub state: FilterState,
     pub before: f64,
     pub values: &'a [f64],
 }
@@ -81,18 +81,19 @@ impl Whitening {
     }
 
     /// The form of a block, of those after it; `after` becomes that of the state before this block.
-    fn form(&self, block: usize, after: &mut [State; STATE]) -> BlockForm {
+    fn form(&self, block: usize, after: &mut [FilterState; STATE]) -> BlockForm {
         let left = self.left_by_innovation(block);
-        let turned: State = std::array::from_fn(|row| (0..STATE).map(|column| after[row][column] * left[column]).sum());
+        let turned: FilterState =
+            std::array::from_fn(|row| (0..STATE).map(|column| after[row][column] * left[column]).sum());
         let weight = self.steps[block].weight.powi(2);
         let square = weight + (0..STATE).map(|row| left[row] * turned[row]).sum::<f64>();
         let form = BlockForm { after: *after, turned, square };
-        let columns: [State; STATE] = std::array::from_fn(|index| {
+        let columns: [FilterState; STATE] = std::array::from_fn(|index| {
             let mut unit = [0.0; STATE];
             unit[index] = 1.0;
             self.advanced(block, &unit, unit[0])
         });
-        let product = |one: &State, other: &State| -> f64 {
+        let product = |one: &FilterState, other: &FilterState| -> f64 {
             (0..STATE)
                 .map(|row| one[row] * (0..STATE).map(|column| form.after[row][column] * other[column]).sum::<f64>())
                 .sum()
@@ -102,14 +103,14 @@ impl Whitening {
         form
     }
 
-    /// State after a block in which the innovation was 1 and the state 0.
-    fn left_by_innovation(&self, block: usize) -> State {
+    /// FilterState after a block in which the innovation was 1 and the state 0.
+    fn left_by_innovation(&self, block: usize) -> FilterState {
         let step = &self.steps[block];
         [step.remainder, step.gains[0], step.gains[1]]
     }
 
-    /// State after a block.
-    fn advanced(&self, block: usize, state: &State, innovation: f64) -> State {
+    /// FilterState after a block.
+    fn advanced(&self, block: usize, state: &FilterState, innovation: f64) -> FilterState {
         let (left, persistence) = (self.left_by_innovation(block), self.steps[block].persistence);
         [
             left[0] * innovation - state[1] - (persistence - 1.0) * state[2],
@@ -128,15 +129,13 @@ impl Whitening {
         let mut state = [[0.0; LANES]; STATE];
         for block in blocks {
             visit(block, &state);
-            let (left, persistence) = (self.left_by_innovation(block), self.steps[block].persistence);
-            let (increments, [before, turn, error]) = (increments(block), state);
-            let innovation: [f64; LANES] = std::array::from_fn(|lane| increments[lane] + before[lane]);
-            let predicted: [f64; LANES] = std::array::from_fn(|lane| turn[lane] + (persistence - 1.0) * error[lane]);
-            state = [
-                std::array::from_fn(|lane| left[0] * innovation[lane] - predicted[lane]),
-                std::array::from_fn(|lane| left[1] * innovation[lane] + turn[lane]),
-                std::array::from_fn(|lane| left[2] * innovation[lane] + persistence * error[lane]),
-            ];
+            let increments = increments(block);
+            let of_lane = |lane: usize| {
+                let own = state.map(|lanes| lanes[lane]);
+                self.advanced(block, &own, increments[lane] + own[0])
+            };
+            let after: [FilterState; LANES] = std::array::from_fn(of_lane);
+            state = std::array::from_fn(|row| after.map(|own| own[row]));
         }
     }
 
@@ -178,10 +177,10 @@ impl<const LANES: usize, I: Increment> Tail<'_, LANES, I> {
         for lane in 0..LANES {
             let decay = self.decays[lane];
             let increment = size - falls * before / decay;
-            let after: State = std::array::from_fn(|row| decay * linear[row][lane]);
+            let after: FilterState = std::array::from_fn(|row| decay * linear[row][lane]);
             let through: f64 = (0..STATE).map(|row| after[row] * left[row]).sum();
             sum[lane] = square * increment * increment + 2.0 * increment * through + decay * decay * sum[lane];
-            let own: State = std::array::from_fn(|row| turned[row] * increment + after[row]);
+            let own: FilterState = std::array::from_fn(|row| turned[row] * increment + after[row]);
             linear[0][lane] = (0..STATE).map(|row| left[row] * own[row]).sum::<f64>() + weight * increment;
             linear[1][lane] = own[1] - own[0];
             linear[2][lane] = persistence * own[2] - (persistence - 1.0) * own[0];
@@ -194,8 +193,9 @@ impl<const LANES: usize, I: Increment> Tail<'_, LANES, I> {
         }
     }
 
-    /// Product of two courses with these parts up to this block, which decay from there on.
+    /// Product of two courses with these parts of equal length up to this block, which both decay from there on as the lane does.
     pub fn product(&self, lane: usize, block: usize, parts: [CoursePart; 2]) -> f64 {
+        debug_assert_eq!(parts[0].values.len(), parts[1].values.len());
         let first = block + 1 - parts[0].values.len();
         let before = first.checked_sub(1).map_or((0.0, 0.0), |before| (self.increment)(before));
         let mut states = parts.map(|part| part.state);

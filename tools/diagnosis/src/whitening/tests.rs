@@ -156,7 +156,7 @@ fn products_of_two_tails_equal_those_of_whitened_courses() {
             // Wherever the parts end.
             if (38..=50).contains(&block) || block == 199 {
                 let first = CoursePart { state, before: one[36], values: &one[37..=block] };
-                let second = CoursePart { state: State::default(), before: 0.0, values: &other[37..=block] };
+                let second = CoursePart { state: FilterState::default(), before: 0.0, values: &other[37..=block] };
                 found.push(tail.product(0, block, [first, second]));
             }
         });

@@ -159,8 +159,8 @@ impl<const IS_JSON: bool, const LENGTH: usize> Line<IS_JSON, LENGTH> {
     #[inline(always)]
     fn short<const DIGITS: usize>(&mut self, value: u64) {
         let mut length = 1;
-        for least in &POWERS_OF_TEN[1..DIGITS] {
-            length += usize::from(value >= *least);
+        for power in &POWERS_OF_TEN[1..DIGITS] {
+            length += usize::from(value >= *power);
         }
         self.push_word((eight_digits(value) | ZEROS) >> (64 - 8 * length), length);
     }
