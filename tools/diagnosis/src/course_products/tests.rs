@@ -32,11 +32,15 @@ fn a_sweep_fits_every_course_as_one_that_is_whitened_alone() {
         for (index, base) in bank.bases.iter().enumerate().filter(|(_, base)| base.is_linear) {
             let push = |variation: &Variation, swept: &Swept<()>| {
                 let Some(kind) = variation.kind() else { return };
+                // A pulse omits channels on which its two steps cancel but for rounding.
+                if (0..CHANNELS).any(|channel| swept.reached()[channel] != base.reaches(channel)) {
+                    return;
+                }
                 let Some(expected) = Spot::fit(&bank, &normal, index, variation.clone(), Gyros::ALL) else { return };
                 let Some(found) = swept.gain(|channel| reaches(&base.amplitude, &Gyros::ALL, channel)) else { return };
                 let (off, sigma) = ((found.size - expected.gain.size).abs(), expected.gain.sigma);
-                assert!(off < 1e-4 * sigma, "{:?} {variation:?}: {found:?} {:?}", base.amplitude, expected.gain);
-                assert!((found.sigma / sigma - 1.0).abs() < 1e-4, "{:?} {variation:?}", base.amplitude);
+                assert!(off < 1e-6 * sigma, "{:?} {variation:?}: {found:?} {:?}", base.amplitude, expected.gain);
+                assert!((found.sigma / sigma - 1.0).abs() < 1e-6, "{:?} {variation:?}", base.amplitude);
                 *compared.entry((base.mode == Mode::Level, COURSES[kind].name)).or_default() += 1;
             };
             sweep(&bank, &normal, base, [true; CHANNELS], |_, _, _| (), push);
