@@ -208,7 +208,7 @@ mod tests {
     #[test]
     fn rows_are_in_order_of_time() {
         let mut counts = AccumulatedCounts::starting_at(1_790_000_000_000_000_000);
-        [0.5, 1.0].map(|end_s| counts.push(end_s, &[0.0; 4], 20.0));
+        [0.5, 1.0].iter().for_each(|end_s| counts.push(*end_s, &[0.0; 4], 20.0));
         let attitude = |turn: f64| UnitQuaternion::from_scaled_axis([turn, 0.0, 0.0].into());
         // The last node first, as they are visited.
         let rows = [(attitude(2.0), [4.0, 5.0, 6.0]), (attitude(0.0), [1.0, 2.0, 3.0])];
