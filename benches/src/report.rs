@@ -134,7 +134,14 @@ fn machine() -> String {
     let rows = [
         ("processor", format!("{}, {cores} cores", value(&read("/proc/cpuinfo"), "model name"))),
         ("memory", format!("{:.0} GB", memory_kb * 1024e-9)),
-        ("system", format!("{} {}", std::env::consts::OS, read("/proc/sys/kernel/osrelease").trim())),
+        (
+            "system",
+            format!(
+                "{} {}",
+                std::env::consts::OS,
+                read("/proc/sys/kernel/osrelease").trim().split('-').next().unwrap_or("")
+            ),
+        ),
         ("compiler", of("rustc", &["--version"])),
         ("commit", of("git", &["describe", "--always", "--dirty", "--abbrev=10"])),
         ("others", python.lines().collect::<Vec<_>>().join(", ")),
