@@ -14,7 +14,7 @@ use geu_hypothesis::amplitude::STEP;
 const SAME_ONSET_S: f64 = 1e-3;
 
 /// Bits of the ratio of the values in consecutive blocks, and the first of these.
-pub type Tail = (u64, Reverse<usize>);
+pub type TailStart = (u64, Reverse<usize>);
 
 /// A result of a sweep, with the places of its courses.
 pub enum Sweep {
@@ -77,7 +77,7 @@ impl CourseList {
     }
 
     /// From which block on a kept course decays to the end, at most the last one; `None` for other forms.
-    pub fn tail(&self, place: usize, blocks: usize, block_s: f64) -> Option<Tail> {
+    pub fn tail(&self, place: usize, blocks: usize, block_s: f64) -> Option<TailStart> {
         let (decay, block) = self.courses[place].tail(block_s).filter(|_| self.is_kept(place))?;
         Some((decay, Reverse(block.min(blocks - 1))))
     }

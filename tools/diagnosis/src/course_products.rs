@@ -11,7 +11,7 @@ use std::collections::{BTreeSet, HashMap};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::course_list::{CourseList, Tail};
+use crate::course_list::{CourseList, TailStart};
 use crate::courses::Mode;
 use crate::linear_algebra::dot;
 use crate::measured::CHANNELS;
@@ -134,10 +134,10 @@ impl CourseProducts {
         channel: usize,
         forms: &Forms,
     ) {
-        let tails: Vec<(Tail, usize)> = (0..list.courses.len())
+        let tails: Vec<(TailStart, usize)> = (0..list.courses.len())
             .filter_map(|place| Some((list.tail(place, bank.block_count(), bank.block_s())?, place)))
             .collect();
-        let tail_of: HashMap<usize, Tail> = tails.iter().map(|(tail, place)| (*place, *tail)).collect();
+        let tail_of: HashMap<usize, TailStart> = tails.iter().map(|(tail, place)| (*place, *tail)).collect();
         let pairs: Vec<(usize, [usize; 2])> =
             list.pairs().enumerate().filter(|(_, two)| two.iter().all(|place| tail_of.contains_key(place))).collect();
         let states = states_before(bank, base, list, normal.whitening(channel), channel, &pairs);
@@ -147,7 +147,7 @@ impl CourseProducts {
         let increment = |block: usize| of_value(&base.series[channel], base.mode, block);
         for decays in decays.chunks(LANES) {
             let lane = |decay: u64| decays.iter().position(|own| *own == decay);
-            let of_lane = |((decay, block), place): &(Tail, usize)| Some((*block, lane(*decay)?, *place));
+            let of_lane = |((decay, block), place): &(TailStart, usize)| Some((*block, lane(*decay)?, *place));
             let mut begun: Vec<_> = tails.iter().filter_map(of_lane).collect();
             begun.sort_unstable();
             let mut begun = begun.into_iter().peekable();

@@ -191,6 +191,7 @@ pub(crate) mod tests {
     use crate::small_motions::SMALL_COUNTS;
     use crate::spots::Spot;
     use crate::sweep::{Swept, sweep};
+    use crate::whitening::NoiseModel;
     use geu_hypothesis::amplitude::STEP;
     use geu_protocol::Gyros;
 
@@ -211,13 +212,19 @@ pub(crate) mod tests {
         MeasuredData::new(counts, &reference, nominal).expect("long enough")
     }
 
+    /// Noise as configured, with rounding along the model's path.
+    pub(crate) fn configured_noise(case: &DiagnosisCase) -> [NoiseModel; CHANNELS] {
+        let DiagnosisCase { measured, nominal, .. } = *case;
+        let residual = measured.residual(&measured.run(nominal, Shifts::default()));
+        noise::configured(nominal, measured, &case.rounding, &residual)
+    }
+
     #[test]
     fn sums_from_the_end_equal_the_products_of_whitened_courses() {
         let nominal = Configuration::reference();
         let measured = measured(&nominal);
         let case = DiagnosisCase::new(&measured, &nominal);
-        let residual = measured.residual(&measured.run(&nominal, Shifts::default()));
-        let noise = noise::configured(&nominal, &measured, &case.rounding, &residual);
+        let noise = configured_noise(&case);
         let normal = case.fit(&mut case.start(noise));
         let bank = SignatureBank::new(&measured, &nominal);
         let blocks = measured.block_count();
@@ -285,8 +292,7 @@ pub(crate) mod tests {
         let nominal = Configuration::reference();
         let measured = measured(&nominal);
         let case = DiagnosisCase::new(&measured, &nominal);
-        let residual = measured.residual(&measured.run(&nominal, Shifts::default()));
-        let noise = noise::configured(&nominal, &measured, &case.rounding, &residual);
+        let noise = configured_noise(&case);
         let normal = case.fit(&mut case.start(noise));
         let bank = SignatureBank::new(&measured, &nominal);
         let spacing_s = bank.step_spacing_s(Mode::Level).expect("an exact reference");

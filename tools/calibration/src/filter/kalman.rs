@@ -70,8 +70,8 @@ struct Nominal {
     state: State,
     /// θ − 90°, lagged.
     lagged_deg: f64,
-    /// Turn over the sample before, rad.
-    before: Vector3<f64>,
+    /// Turn over the sample before.
+    turn_before_rad: Vector3<f64>,
 }
 
 /// The filter at a node, after its fixes.
@@ -99,7 +99,7 @@ pub(super) struct Filter<'a> {
     /// M⁻¹ of the calibration given: rotations about the input axes in use to those about the control axes.
     inverse: Matrix3<f64>,
     /// Share of the lag that is left after a sample.
-    left: f64,
+    lag_decay: f64,
     /// The node that is reached.
     now: Node,
     checkpoints: Vec<(usize, Node)>,
@@ -136,9 +136,9 @@ impl<'a> Filter<'a> {
             gyros,
             inverse: Matrix3::from_columns(&gyros.map(|gyro| transfer.inverse.column(gyro))),
             transfer,
-            left: libm::exp(-SAMPLE_INTERVAL_S / noise.thermal_time_constant_s),
+            lag_decay: libm::exp(-SAMPLE_INTERVAL_S / noise.thermal_time_constant_s),
             now: Node {
-                nominal: Nominal { state, lagged_deg: 0.0, before: Vector3::zeros() },
+                nominal: Nominal { state, lagged_deg: 0.0, turn_before_rad: Vector3::zeros() },
                 covariance: Covariance::start(noise, &attitude),
             },
             checkpoints: Vec::new(),
@@ -147,7 +147,7 @@ impl<'a> Filter<'a> {
         };
         (0..node).for_each(|sample| filter.turn(sample));
         state.package = attitude * filter.now.nominal.state.package.inverse();
-        filter.now.nominal = Nominal { state, lagged_deg: 0.0, before: Vector3::zeros() };
+        filter.now.nominal = Nominal { state, lagged_deg: 0.0, turn_before_rad: Vector3::zeros() };
         filter.now.nominal.lagged_deg = filter.above_90_deg(0);
         Some(filter)
     }
@@ -165,10 +165,10 @@ impl<'a> Filter<'a> {
     /// the first term that does not commute is a twelfth of the cross product with the increment before (Miller 1983).
     fn turn(&mut self, sample: usize) {
         let turn = self.turned_arcsec(self.increments(sample), 1.0) / ARCSEC_PER_RAD;
-        let Nominal { state, before, .. } = &mut self.now.nominal;
-        let whole = turn + before.cross(&turn) / 12.0;
+        let Nominal { state, turn_before_rad, .. } = &mut self.now.nominal;
+        let whole = turn + turn_before_rad.cross(&turn) / 12.0;
         state.package *= UnitQuaternion::from_scaled_axis(whole);
-        *before = turn;
+        *turn_before_rad = turn;
     }
 
     /// θ − 90° of the nominal attitude at a node, to within what the turn itself is.
@@ -203,7 +203,7 @@ impl<'a> Filter<'a> {
         self.turn(node);
         let to_deg = self.above_90_deg(node + 1);
         let lagged_deg = &mut self.now.nominal.lagged_deg;
-        *lagged_deg = 0.5 * (from_deg + to_deg) * (1.0 - self.left) + *lagged_deg * self.left;
+        *lagged_deg = 0.5 * (from_deg + to_deg) * (1.0 - self.lag_decay) + *lagged_deg * self.lag_decay;
     }
 
     /// Propagation of errors over the sample interval that begins.

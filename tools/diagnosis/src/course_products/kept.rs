@@ -6,7 +6,7 @@ use std::sync::Arc;
 use nalgebra::DVector;
 
 use super::{CourseProducts, factors};
-use crate::course_list::{CourseList, Tail};
+use crate::course_list::{CourseList, TailStart};
 use crate::linear_algebra::dots;
 use crate::measured::CHANNELS;
 use crate::normal_equations::{NormalEquations, ProjectedSignature};
@@ -49,7 +49,7 @@ struct Tails {
     /// For each course the place of its tail.
     of_courses: Vec<Option<usize>>,
     /// In order.
-    all: Vec<Tail>,
+    all: Vec<TailStart>,
 }
 
 impl Tails {
@@ -59,7 +59,7 @@ impl Tails {
         let mut all: Vec<_> = of_courses.iter().flatten().copied().collect();
         all.sort_unstable();
         all.dedup();
-        let place = |tail: Option<Tail>| all.binary_search(&tail?).ok();
+        let place = |tail: Option<TailStart>| all.binary_search(&tail?).ok();
         Tails { of_courses: of_courses.into_iter().map(place).collect(), all }
     }
 

@@ -8,9 +8,8 @@ use geu_protocol::Gyros;
 
 use crate::courses::Mode;
 use crate::diagnosis_case::DiagnosisCase;
-use crate::measured::{CHANNELS, Shifts};
-use crate::noise;
-use crate::null_products::tests::measured;
+use crate::measured::CHANNELS;
+use crate::null_products::tests::{configured_noise, measured};
 use crate::signature::reaches;
 use crate::signature_bank::{SignatureBank, Variation};
 use crate::spots::Spot;
@@ -22,8 +21,7 @@ fn a_sweep_fits_every_course_as_one_that_is_whitened_alone() {
     let nominal = Configuration::reference();
     let measured = measured(&nominal);
     let case = DiagnosisCase::new(&measured, &nominal);
-    let residual = measured.residual(&measured.run(&nominal, Shifts::default()));
-    let configured = noise::configured(&nominal, &measured, &case.rounding, &residual);
+    let configured = configured_noise(&case);
     let bank = SignatureBank::new(&measured, &nominal);
     // With and without the tails of a filter.
     for flicker in [0.0, 0.5] {
