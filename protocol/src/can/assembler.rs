@@ -89,14 +89,34 @@ impl DefectBytes {
 /// `S` identifies a frame for the caller: its time, its position in a file.
 #[derive(Debug, Clone)]
 pub struct Assembler<S> {
-    increments: Option<(S, [u8; LENGTH])>,
-    row: Option<AssembledSample<S>>,
+    pending: Option<Pending<S>>,
     clock: ClockCheck,
+}
+
+/// The frames of a sample that is not complete.
+#[derive(Debug, Clone)]
+struct Pending<S> {
+    /// Of INCREMENTS.
+    stamp: S,
+    increments: [u8; LENGTH],
+    /// With the right CRC.
+    status: Option<[u8; LENGTH]>,
+}
+
+impl<S: Copy> Pending<S> {
+    /// The sample without a clock; `None` without a STATUS.
+    #[inline]
+    fn row(&self) -> Option<AssembledSample<S>> {
+        let mut sample = Sample::default();
+        Increments::read(&self.increments, &mut sample);
+        Status::read(self.status.as_ref()?, &mut sample);
+        Some(AssembledSample { stamp: self.stamp, sample, has_clock: false })
+    }
 }
 
 impl<S: Copy> Default for Assembler<S> {
     fn default() -> Self {
-        Assembler { increments: None, row: None, clock: ClockCheck::default() }
+        Assembler { pending: None, clock: ClockCheck::default() }
     }
 }
 
@@ -107,7 +127,7 @@ impl<S: Copy> Assembler<S> {
         if !matches!(role, Role::Increments | Role::Status | Role::Clock) {
             return;
         }
-        match self.advance(role, stamp, data) {
+        match self.advance(role, || stamp, data) {
             Progress::Waiting => {}
             Progress::Row(row) => sink(AssemblerEvent::Row(row)),
             Progress::Irregular => self.irregular(role, stamp, data, sink),
@@ -117,31 +137,31 @@ impl<S: Copy> Assembler<S> {
     /// Reads INCREMENTS, STATUS or CLOCK in their usual order and without an error; [`Assembler::irregular`] must read any other.
     // One caller, which passes much by value.
     #[inline(always)]
-    pub fn advance(&mut self, role: Role, stamp: S, data: &[u8]) -> Progress<S> {
+    pub fn advance(&mut self, role: Role, stamp: impl FnOnce() -> S, data: &[u8]) -> Progress<S> {
         let Ok(bytes) = <&[u8; LENGTH]>::try_from(data) else { return Progress::Irregular };
-        match (role, &self.increments, &self.row) {
-            (Role::Increments, None, None) => self.increments = Some((stamp, *bytes)),
-            (Role::Status, Some((first, increments)), _)
+        match (role, &mut self.pending) {
+            (Role::Increments, None) => {
+                self.pending = Some(Pending { stamp: stamp(), increments: *bytes, status: None });
+                Progress::Waiting
+            }
+            (Role::Status, Some(Pending { increments, status: status @ None, .. }))
                 if status_crc(increments, bytes) == bytes[STATUS_COVERED..] =>
             {
-                let mut sample = Sample::default();
-                Increments::read(increments, &mut sample);
-                Status::read(bytes, &mut sample);
-                self.row = Some(AssembledSample { stamp: *first, sample, has_clock: false });
-                self.increments = None;
+                *status = Some(*bytes);
+                Progress::Waiting
             }
-            (Role::Clock, _, Some(row)) => {
-                let mut row = AssembledSample { has_clock: true, ..*row };
+            (Role::Clock, Some(pending)) => {
+                let Some(mut row) = pending.row() else { return Progress::Irregular };
+                row.has_clock = true;
                 Clock::read(bytes, &mut row.sample);
                 if !self.clock.accepts(row.sample.sequence, row.sample.clock_count) {
                     return Progress::Irregular;
                 }
-                self.row = None;
-                return Progress::Row(row);
+                self.pending = None;
+                Progress::Row(row)
             }
-            _ => return Progress::Irregular,
+            _ => Progress::Irregular,
         }
-        Progress::Waiting
     }
 
     /// Reads a frame that [`Assembler::advance`] found irregular.
@@ -153,38 +173,39 @@ impl<S: Copy> Assembler<S> {
         let Ok(bytes) = <&[u8; LENGTH]>::try_from(data) else {
             return defect(stamp, CanDefect::WrongLength, [data, &[]], sink);
         };
+        let pending = self.pending.take();
+        let row = pending.as_ref().and_then(Pending::row);
+        if let Some(row) = row {
+            sink(AssemblerEvent::Row(row));
+        }
+        let increments = pending.filter(|_| row.is_none());
         match role {
-            Role::Increments => self.increments = Some((stamp, *bytes)),
-            Role::Status => match self.increments.take() {
-                Some((first, increments)) => defect(first, CanDefect::CrcMismatch, [&increments, bytes], sink),
-                None => {
-                    self.finish(sink);
-                    defect(stamp, CanDefect::StatusWithoutIncrements, [bytes, &[]], sink);
-                }
+            Role::Increments => self.pending = Some(Pending { stamp, increments: *bytes, status: None }),
+            Role::Status => match increments {
+                Some(first) => defect(first.stamp, CanDefect::CrcMismatch, [&first.increments, bytes], sink),
+                None => defect(stamp, CanDefect::StatusWithoutIncrements, [bytes, &[]], sink),
             },
-            _ => match self.row.take() {
-                Some(row) => {
-                    sink(AssemblerEvent::Row(row));
-                    defect(stamp, CanDefect::ClockInconsistent, [bytes, &[]], sink);
-                }
-                None => defect(stamp, CanDefect::ClockWithoutStatus, [bytes, &[]], sink),
-            },
+            _ if row.is_some() => defect(stamp, CanDefect::ClockInconsistent, [bytes, &[]], sink),
+            _ => {
+                // INCREMENTS still wait for their STATUS.
+                self.pending = increments;
+                defect(stamp, CanDefect::ClockWithoutStatus, [bytes, &[]], sink);
+            }
         }
     }
 
     /// True if the next frames may complete a sample.
     pub fn is_waiting(&self) -> bool {
-        self.increments.is_some() || self.row.is_some()
+        self.pending.is_some()
     }
 
     /// Reports what is pending, at the end of the traffic.
     #[inline]
     pub fn finish(&mut self, sink: &mut impl FnMut(AssemblerEvent<S>)) {
-        if let Some(row) = self.row.take() {
-            sink(AssemblerEvent::Row(row));
-        }
-        if let Some((stamp, bytes)) = self.increments.take() {
-            defect(stamp, CanDefect::IncrementsWithoutStatus, [&bytes, &[]], sink);
+        let Some(pending) = self.pending.take() else { return };
+        match pending.row() {
+            Some(row) => sink(AssemblerEvent::Row(row)),
+            None => defect(pending.stamp, CanDefect::IncrementsWithoutStatus, [&pending.increments, &[]], sink),
         }
     }
 }

@@ -93,7 +93,6 @@ impl Decoder {
             self.beyond += 1;
             return;
         };
-        let stamp = self.flow.stamp(place, frame.time);
         if let InterfaceSelection::Before(before) = self.choice {
             self.follow(before, index, role, sink);
         }
@@ -110,20 +109,23 @@ impl Decoder {
                 if lengths.contains(&frame.data.len()) {
                     *count += 1;
                 } else {
-                    let concerned = DefectBytes::new([frame.data, &[]]);
+                    let (stamp, concerned) = (flow.stamp(place, frame.time), DefectBytes::new([frame.data, &[]]));
                     tally.defect(choice.is(index), stamp, CanDefect::WrongLength, concerned, flow, sink);
                 }
             }
-            _ => match assembler.advance(role, stamp, frame.data) {
+            _ => match assembler.advance(role, || flow.stamp(place, frame.time), frame.data) {
                 Progress::Waiting => {}
                 Progress::Row(row) => {
                     *is_proven = true;
                     tally.assembled(AssemblerEvent::Row(row), index, choice, flow, sink);
                 }
-                Progress::Irregular => assembler.irregular(role, stamp, frame.data, &mut |assembled| {
-                    *is_proven |= matches!(assembled, AssemblerEvent::Row(_));
-                    tally.assembled(assembled, index, choice, flow, sink);
-                }),
+                Progress::Irregular => {
+                    let stamp = flow.stamp(place, frame.time);
+                    assembler.irregular(role, stamp, frame.data, &mut |assembled| {
+                        *is_proven |= matches!(assembled, AssemblerEvent::Row(_));
+                        tally.assembled(assembled, index, choice, flow, sink);
+                    });
+                }
             },
         }
         if let InterfaceSelection::Before(before) = self.choice
