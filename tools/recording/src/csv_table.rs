@@ -67,7 +67,7 @@ impl<R: Read> CsvTable<R> {
         let count = |delimiter: &char| header.map_or(0, |header| header.matches(*delimiter).count());
         let delimiter = Some(SEPARATOR).filter(|own| count(own) > 0);
         let delimiter = delimiter.or_else(|| ['\t', ';', ','].into_iter().max_by_key(count)).unwrap_or(',');
-        let mut table = rows.table(builder.trim(csv::Trim::All).delimiter(delimiter as u8));
+        let mut table = rows.table(builder.trim(csv::Trim::Headers).delimiter(delimiter as u8));
         let header = table.header().map_err(|source| TableError::Csv { name: name.to_owned(), source })?;
         Ok(CsvTable { name: name.to_owned(), header, record: csv::StringRecord::new(), table })
     }
@@ -123,8 +123,10 @@ impl<R: Read> CsvTable<R> {
         self.record.position().map_or(0, csv::Position::line)
     }
 
+    /// A field without the blanks around it.
     pub fn text(&self, column: usize) -> &str {
-        self.record.get(column).unwrap_or_default()
+        // csv, asked to remove them, builds every record twice.
+        self.record.get(column).unwrap_or_default().trim()
     }
 
     /// A finite number of the row.

@@ -14,7 +14,7 @@ use std::io::Read;
 use std::path::Path;
 use std::sync::Arc;
 
-use geu_model::attitude::{AttitudeRowsError, RecordedAttitude};
+use geu_model::attitude::{AttitudeRowsError, RecordedAttitude, median_spacing_s};
 use geu_model::device::Device;
 use geu_model::units::ARCSEC_PER_RAD;
 use nalgebra::UnitQuaternion;
@@ -119,10 +119,7 @@ impl ReferenceAttitude {
 
     /// Median length of the rows, s, of rates and turns: the motion within a row is not known. 0 for attitudes.
     pub fn row_s(&self) -> f64 {
-        let ends_s: Vec<f64> = self.truth.rows().map(|row| row.0).collect();
-        let mut lengths_s: Vec<f64> = ends_s.windows(2).map(|ends| ends[1] - ends[0]).collect();
-        let middle = lengths_s.len() / 2;
-        if self.is_attitude { 0.0 } else { *lengths_s.select_nth_unstable_by(middle, f64::total_cmp).1 }
+        if self.is_attitude { 0.0 } else { median_spacing_s(self.truth.rows().map(|row| row.0)).unwrap_or_default() }
     }
 
     /// Moves the motion later by a lag.

@@ -71,17 +71,18 @@ const MAX_RAD: f64 = 1e4;
 /// A hole longer than this many median spacings is a gap.
 pub const GAP_SPACINGS: f64 = 1.9;
 
-/// Median spacing of rows in time; `None` for fewer than two rows.
-pub fn median_spacing_s(rows: &[AttitudeRow]) -> Option<f64> {
-    let mut spacings: Vec<f64> = rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
+/// Median spacing of times; `None` for fewer than two.
+pub fn median_spacing_s(mut t_s: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut before_s = t_s.next()?;
+    let mut spacings: Vec<f64> = t_s.map(|t_s| t_s - std::mem::replace(&mut before_s, t_s)).collect();
     let middle = spacings.len() / 2;
     (!spacings.is_empty()).then(|| *spacings.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// Indices of the rows after a gap.
-fn gaps(rows: &[AttitudeRow]) -> Vec<usize> {
-    let limit_s = median_spacing_s(rows).map_or(f64::INFINITY, |spacing_s| GAP_SPACINGS * spacing_s);
-    (1..rows.len()).filter(|&row| rows[row].t_s - rows[row - 1].t_s > limit_s).collect()
+/// Indices of the times after a gap.
+fn gaps(t_s: &[f64]) -> Vec<usize> {
+    let limit_s = median_spacing_s(t_s.iter().copied()).map_or(f64::INFINITY, |spacing_s| GAP_SPACINGS * spacing_s);
+    (1..t_s.len()).filter(|&row| t_s[row] - t_s[row - 1] > limit_s).collect()
 }
 
 /// A truth read from a file.
@@ -109,17 +110,17 @@ impl RecordedAttitude {
     /// # Errors
     /// Rows that overlap, leave a gap, or are too few.
     pub fn new(rows: &[AttitudeRow]) -> Result<RecordedAttitude, AttitudeRowsError> {
-        RecordedAttitude::with_gaps(rows)?.without_gaps(rows)
+        RecordedAttitude::with_gaps(rows.to_vec())?.without_gaps()
     }
 
-    /// Refuses gaps between these rows.
+    /// Refuses gaps between the rows.
     ///
     /// # Errors
     /// The first gap.
-    pub fn without_gaps(self, rows: &[AttitudeRow]) -> Result<RecordedAttitude, AttitudeRowsError> {
+    pub fn without_gaps(self) -> Result<RecordedAttitude, AttitudeRowsError> {
         let Some(&index) = self.gaps.first() else { return Ok(self) };
-        let (before_s, t_s) = (rows[index - 1].t_s, rows[index].t_s);
-        let spacing_s = median_spacing_s(rows).unwrap_or_default();
+        let (before_s, t_s) = (self.t_s[index - 1], self.t_s[index]);
+        let spacing_s = median_spacing_s(self.t_s.iter().copied()).unwrap_or_default();
         Err(AttitudeRowsError::Gap { index, t_s, gap_s: t_s - before_s, spacing_s })
     }
 
@@ -127,7 +128,14 @@ impl RecordedAttitude {
     ///
     /// # Errors
     /// Rows that overlap or are too few.
-    pub fn with_gaps(rows: &[AttitudeRow]) -> Result<RecordedAttitude, AttitudeRowsError> {
+    pub fn with_gaps(rows: Vec<AttitudeRow>) -> Result<RecordedAttitude, AttitudeRowsError> {
+        let read = RecordedAttitude::without_bend(rows)?;
+        let bend = read.angle_control_arcsec.each_ref().map(|angles| second_derivatives(&read.t_s, angles));
+        Ok(RecordedAttitude { bend: Arc::new(bend), ..read })
+    }
+
+    /// The motion without a spline. The rows end here: they take more memory than the truth.
+    fn without_bend(rows: Vec<AttitudeRow>) -> Result<RecordedAttitude, AttitudeRowsError> {
         let intervals = rows.len().saturating_sub(1);
         if intervals < 3 {
             return Err(AttitudeRowsError::TooFew(intervals));
@@ -158,23 +166,21 @@ impl RecordedAttitude {
                 }))
                 .collect()
         });
-        let bend = std::array::from_fn(|axis| second_derivatives(&t_s, &angle_control_arcsec[axis]));
         let theta_psi_rad: Vec<(f64, f64)> =
             rows.iter().map(|row| row.theta_psi_rad).collect::<Option<_>>().unwrap_or_default();
+        drop(rows);
         let turn_psi_rad = theta_psi_rad.windows(2).map(|pair| shorter_way(pair[1].1 - pair[0].1)).collect();
         let departure_arcsec = departure(&t_s, &angle_control_arcsec, &theta_psi_rad);
-        let gaps = gaps(rows);
-        let (angle_control_arcsec, bend) = (Arc::new(angle_control_arcsec), Arc::new(bend));
-        let unknown = Vec::new();
+        let gaps = gaps(&t_s);
         Ok(RecordedAttitude {
             t_s,
-            angle_control_arcsec,
-            bend,
+            angle_control_arcsec: Arc::new(angle_control_arcsec),
+            bend: Arc::default(),
             theta_psi_rad,
             turn_psi_rad,
             departure_arcsec,
             gaps,
-            unknown,
+            unknown: Vec::new(),
         })
     }
 
@@ -185,32 +191,30 @@ impl RecordedAttitude {
     /// # Errors
     /// Rows that overlap or are too few.
     pub fn with_unknown_turns(
-        rows: &[AttitudeRow],
+        rows: Vec<AttitudeRow>,
         unknown: Vec<usize>,
         jumps: &[usize],
         is_attitude: bool,
     ) -> Result<RecordedAttitude, AttitudeRowsError> {
-        let mut read = RecordedAttitude::with_gaps(rows)?;
+        let is_rest = |row: &usize| rows[*row].angle_control_arcsec == [0.0; 3] && unknown.binary_search(row).is_err();
+        let rests: Vec<usize> = (1..rows.len()).filter(|row| !is_attitude && is_rest(row)).collect();
+        let mut read = RecordedAttitude::without_bend(rows)?;
         // A jump is the end of one spline and the start of the next.
         let of_jump = jumps.iter().map(|&row| (row + 1, row));
         let mut ends: Vec<(usize, usize)> = unknown.iter().map(|&row| (row, row)).chain(of_jump).collect();
         ends.sort_unstable();
         let starts = [0].into_iter().chain(ends.iter().map(|own| own.1));
-        let splines: Vec<_> = starts.zip(ends.iter().map(|own| own.0).chain([rows.len()])).collect();
-        for (bend, angles) in Arc::make_mut(&mut read.bend).iter_mut().zip(read.angle_control_arcsec.iter()) {
-            for own in splines.iter().map(|&(from, to)| from..to) {
-                match own.len() {
-                    0..3 => bend[own].fill(0.0),
-                    _ => bend[own.clone()].copy_from_slice(&second_derivatives(&read.t_s[own.clone()], &angles[own])),
-                }
+        let splines: Vec<_> = starts.zip(ends.iter().map(|own| own.0).chain([read.t_s.len()])).collect();
+        let bend = read.angle_control_arcsec.each_ref().map(|angles| {
+            let mut bend = vec![0.0; angles.len()];
+            for own in splines.iter().map(|&(from, to)| from..to).filter(|own| own.len() >= 3) {
+                bend[own.clone()].copy_from_slice(&second_derivatives(&read.t_s[own.clone()], &angles[own]));
             }
             jumps.iter().for_each(|&row| bend[row] = 0.0);
-            let is_rest =
-                |row: &usize| rows[*row].angle_control_arcsec == [0.0; 3] && unknown.binary_search(row).is_err();
-            for row in (1..rows.len()).filter(|row| !is_attitude && is_rest(row)) {
-                bend[row - 1..=row].fill(0.0);
-            }
-        }
+            rests.iter().for_each(|&row| bend[row - 1..=row].fill(0.0));
+            bend
+        });
+        read.bend = Arc::new(bend);
         let mut gaps = if is_attitude { read.gaps } else { Vec::new() };
         gaps.extend(&unknown);
         gaps.sort_unstable();
@@ -231,8 +235,8 @@ impl RecordedAttitude {
                 theta_psi_rad: self.theta_psi_rad.get(index).copied(),
             }
         };
-        let rows: Vec<AttitudeRow> = (0..self.t_s.len()).map(row).collect();
-        RecordedAttitude::with_unknown_turns(&rows, self.unknown.clone(), &[], true)
+        let rows = (0..self.t_s.len()).map(row).collect();
+        RecordedAttitude::with_unknown_turns(rows, self.unknown.clone(), &[], true)
     }
 
     /// The first row's time.

@@ -193,30 +193,30 @@ impl NodeReader {
     }
 
     /// Dates the nodes, see [`CountsReader::finish`].
-    pub fn finish(mut self, clock_start_ns: i64) -> Option<AccumulatedCounts> {
-        let first = *self.times.first()?;
-        let is_received = self.times.iter().any(|time| time.2);
-        self.times.retain(|time| time.2 == is_received);
-        let mut counts = self.counts;
+    pub fn finish(self, clock_start_ns: i64) -> Option<AccumulatedCounts> {
+        let NodeReader { times, mut counts, .. } = self;
+        let is_received = times.iter().any(|time| time.2);
+        let mut times = times.into_iter().filter(|time| time.2 == is_received).peekable();
+        let first = *times.peek()?;
         let interval_s = counts.interval_s;
         let interval_ns = (interval_s * 1e9).round() as i64;
         // Departures of the times from nominal samples since the first, so that no digit is lost.
-        let departures: Vec<(usize, f64)> = self
-            .times
-            .iter()
-            .map(|&(node, t_ns, _)| (node, (t_ns - first.1 - (node - first.0) as i64 * interval_ns) as f64 * 1e-9))
+        let departures: Vec<(usize, f64)> = times
+            .map(|(node, t_ns, _)| (node, (t_ns - first.1 - (node - first.0) as i64 * interval_ns) as f64 * 1e-9))
             .collect();
         let (course, jumps) = course(&departures, (TIMING_S / interval_s) as usize);
         let nominal_s = |node: usize| (node as f64 - first.0 as f64) * interval_s;
         let at = |node: usize| nominal_s(node) + course(node as f64);
         let start_s = at(0);
-        counts.node_s = (0..counts.node_s.len()).map(|node| at(node) - start_s).collect();
+        for (node, node_s) in counts.node_s.iter_mut().enumerate() {
+            *node_s = at(node) - start_s;
+        }
         let zero_ns = if is_received { 0 } else { clock_start_ns };
         if let Some(&held) = counts.sensor_c.last() {
             counts.sensor_c.resize(counts.node_s.len(), held);
         }
         if is_received {
-            counts.received_late_s.clone_from(&departures);
+            counts.received_late_s = departures;
         }
         counts.start_ns = first.1 + zero_ns + (start_s * 1e9).round() as i64;
         counts.is_received = is_received;
@@ -231,7 +231,7 @@ impl NodeReader {
 
 /// Smooths the departures over the nodes by medians of blocks joined by straight lines. Also returns the jumps, on either
 /// side of which the departures are smoothed separately.
-fn course(departures: &[(usize, f64)], averaged: usize) -> (impl Fn(f64) -> f64, Vec<(usize, usize)>) {
+fn course(departures: &[(usize, f64)], averaged: usize) -> (impl Fn(f64) -> f64 + use<>, Vec<(usize, usize)>) {
     let (mut parts, mut jumps, mut start) = (vec![], vec![], 0);
     for index in 1..departures.len() {
         let ((before, from_s), (now, to_s)) = (departures[index - 1], departures[index]);

@@ -122,37 +122,43 @@ impl TrialRows {
         Ok(())
     }
 
-    /// The trial with a point at the start of each row that does not begin where the row before ends.
-    fn divided(self, is_rate: bool, allows_gaps: bool) -> TrialRows {
-        let spacing_s = median_spacing_s(&self.rows).unwrap_or_default();
-        let mut points = TrialRows {
-            name: self.name,
-            base_ns: self.base_ns,
-            celsius: self.celsius,
-            acceleration_m_s2: self.acceleration_m_s2,
-            ..TrialRows::default()
-        };
-        for (number, (row, line)) in self.rows.into_iter().zip(self.lines).enumerate() {
-            let before_s = points.rows.last().map(|last| last.t_s);
+    /// Adds a point at the start of each row that does not begin where the row before ends.
+    fn divide(&mut self, is_rate: bool, allows_gaps: bool) {
+        let spacing_s = median_spacing_s(self.rows.iter().map(|row| row.t_s)).unwrap_or_default();
+        // The rows before which a point comes, with its time.
+        let mut starts: Vec<(usize, f64)> = Vec::new();
+        let mut before_s: Option<f64> = None;
+        for (place, row) in self.rows.iter_mut().enumerate() {
             // Without a start a row begins where the row before ends, after a gap at the median spacing.
             let is_next = |before_s: &f64| !allows_gaps || row.t_s - before_s <= GAP_SPACINGS * spacing_s;
             let usual_s = before_s.filter(is_next).unwrap_or(row.t_s - spacing_s);
-            let start_s = self.starts_s.get(number).copied().unwrap_or(usual_s);
-            let sigma = self.sigma_arcsec.get(number).copied();
+            let start_s = self.starts_s.get(place).copied().unwrap_or(usual_s);
             // A start before the end of the row before is refused with the times of the truth.
-            if before_s.is_none_or(|before_s| (start_s - before_s).abs() > TOUCHING_S) {
-                points.unknown.extend(before_s.map(|_| points.rows.len()));
-                points.rows.push(AttitudeRow { t_s: start_s, angle_control_arcsec: [0.0; 3], ..row });
-                points.lines.push(line);
-                points.sigma_arcsec.extend(sigma.map(|_| [0.0; 3]));
+            let from_s = before_s.filter(|before_s| (start_s - before_s).abs() <= TOUCHING_S).unwrap_or_else(|| {
+                self.unknown.extend(before_s.map(|_| place + starts.len()));
+                starts.push((place, start_s));
+                start_s
+            });
+            if is_rate {
+                let length_s = row.t_s - from_s;
+                row.angle_control_arcsec = row.angle_control_arcsec.map(|part| part * length_s);
+                if let Some(sigma) = self.sigma_arcsec.get_mut(place) {
+                    *sigma = sigma.map(|part| part * length_s);
+                }
             }
-            let factor = if is_rate { row.t_s - points.rows.last().map_or(start_s, |last| last.t_s) } else { 1.0 };
-            let angle_control_arcsec = row.angle_control_arcsec.map(|part| part * factor);
-            points.rows.push(AttitudeRow { angle_control_arcsec, ..row });
-            points.lines.push(line);
-            points.sigma_arcsec.extend(sigma.map(|sigma| sigma.map(|part| part * factor)));
+            before_s = Some(row.t_s);
         }
-        points
+        self.starts_s = Vec::new();
+        let places = || starts.iter().map(|own| own.0);
+        insert(&mut self.lines, places(), |_, line| line);
+        if !self.sigma_arcsec.is_empty() {
+            insert(&mut self.sigma_arcsec, places(), |_, _| [0.0; 3]);
+        }
+        insert(&mut self.rows, places(), |number, row| AttitudeRow {
+            t_s: starts[number].1,
+            angle_control_arcsec: [0.0; 3],
+            ..row
+        });
     }
 
     /// The trial with a point at each jump of the rate, where two splines meet.
@@ -199,20 +205,20 @@ impl TrialRows {
             Gaps::All { has_own_times } => (true, has_own_times),
             Gaps::Refused | Gaps::OfAttitudes => (false, false),
         };
-        let points = |own: TrialRows| match is_attitude {
-            true => own,
-            false => {
-                let points = own.divided(columns.kind == MotionKind::Rate, allows_all);
-                if allows_all { points.divided_at_jumps() } else { points }
+        let points = |mut own: TrialRows| {
+            if is_attitude {
+                return own;
             }
+            own.divide(columns.kind == MotionKind::Rate, allows_all);
+            if allows_all { own.divided_at_jumps() } else { own }
         };
         let (all, mut trials) = TrialRows::joined(trials.into_iter().map(points).collect(), has_own_times);
         let truth = match all.unknown.is_empty() && all.jumps.is_empty() && (is_attitude || columns.start.is_none()) {
-            true => RecordedAttitude::with_gaps(&all.rows),
-            false => RecordedAttitude::with_unknown_turns(&all.rows, all.unknown, &all.jumps, is_attitude),
+            true => RecordedAttitude::with_gaps(all.rows),
+            false => RecordedAttitude::with_unknown_turns(all.rows, all.unknown, &all.jumps, is_attitude),
         };
         let is_accepted = allows_all || is_attitude && gaps == Gaps::OfAttitudes;
-        let truth = truth.and_then(|truth| if is_accepted { Ok(truth) } else { truth.without_gaps(&all.rows) });
+        let truth = truth.and_then(|truth| if is_accepted { Ok(truth) } else { truth.without_gaps() });
         let start_s = truth.as_ref().map_or(0.0, RecordedAttitude::start_s);
         let (mut celsius, mut acceleration_m_s2) = (all.celsius, all.acceleration_m_s2);
         acceleration_m_s2.iter_mut().for_each(|(t_s, _)| *t_s -= start_s);
@@ -257,10 +263,13 @@ impl TrialRows {
                 own.rows[0].t_s = last.t_s + TOUCHING_S;
             }
             let [from_s, to_s] = [own.rows[0].t_s, own.rows[own.rows.len() - 1].t_s];
-            places.push(Trial { name: own.name, from_s, to_s, moved_ns });
+            places.push(Trial { name: std::mem::take(&mut own.name), from_s, to_s, moved_ns });
             let before = all.rows.len();
-            all.unknown
-                .extend((before > 0).then_some(before).into_iter().chain(own.unknown.iter().map(|row| row + before)));
+            if before == 0 {
+                all = TrialRows { base_ns: all.base_ns, ..own };
+                continue;
+            }
+            all.unknown.extend([before].into_iter().chain(own.unknown.iter().map(|row| row + before)));
             all.jumps.extend(own.jumps.iter().map(|row| row + before));
             all.rows.append(&mut own.rows);
             all.lines.append(&mut own.lines);
@@ -269,5 +278,23 @@ impl TrialRows {
             all.celsius.iter_mut().zip(&mut own.celsius).for_each(|(all, own)| all.append(own));
         }
         (all, places)
+    }
+}
+
+/// Inserts a value before each of these rising places, made of its number and the value at the place.
+fn insert<T: Copy>(
+    all: &mut Vec<T>,
+    places: impl DoubleEndedIterator<Item = usize> + ExactSizeIterator,
+    new: impl Fn(usize, T) -> T,
+) {
+    let (mut end, mut number) = (all.len(), places.len());
+    let Some(&last) = all.last() else { return };
+    all.resize(end + number, last);
+    for place in places.rev() {
+        // What is behind the place moves by the values inserted up to there.
+        all.copy_within(place..end, place + number);
+        number -= 1;
+        all[place + number] = new(number, all[place + number + 1]);
+        end = place;
     }
 }
