@@ -18,7 +18,7 @@ use crate::signature_bank::{Column, ConstantSignature, SignatureBank};
 pub const RUNS: usize = 128;
 
 /// Blocks that are added for all courses before the next ones: their derivatives fit into the cache of a core.
-const AT_ONCE: usize = 32;
+const AT_ONCE: usize = 256;
 /// Recordings of which the sums fit into registers.
 const LANES: usize = 32;
 
