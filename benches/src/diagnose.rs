@@ -46,10 +46,10 @@ fn hours(text: &str) -> Result<f64, String> {
 }
 
 /// An injected effect: assignment, name of the diagnosis, and the equal term of a regression, if there is one.
-struct Injected {
-    assignment: &'static str,
-    name: &'static str,
-    term: Option<&'static str>,
+pub struct Injected {
+    pub assignment: &'static str,
+    pub name: &'static str,
+    pub term: Option<&'static str>,
 }
 
 const PIVOT: Injected = Injected {
@@ -173,7 +173,7 @@ fn diagnose(directory: &Path, cache: &Path, injected: &[Injected]) -> Result<(Fi
 }
 
 /// The result of a diagnosis, and whether it is the injected effects.
-fn found(directory: &Path, injected: &[Injected]) -> Result<String, String> {
+pub fn found(directory: &Path, injected: &[Injected]) -> Result<String, String> {
     let text = fs::read_to_string(directory.join("found.json")).map_err(|error| error.to_string())?;
     let result: Value = serde_json::from_str(&text).map_err(|error| error.to_string())?;
     let effects = result["effects"].as_array().into_iter().flatten();

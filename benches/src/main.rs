@@ -17,6 +17,7 @@ mod report;
 mod rounds;
 mod table;
 mod watch;
+mod year;
 
 use std::error::Error;
 use std::process::ExitCode;
@@ -58,6 +59,8 @@ enum Benchmark {
     Report(report::Arguments),
     /// False alarms of the watch, and its delay by fault.
     Watch(watch::Arguments),
+    /// A year, decoded, calibrated by fortnight and diagnosed by day; it takes hours, and continues where it was stopped.
+    Year(year::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -73,6 +76,7 @@ fn main() -> ExitCode {
         Benchmark::NextManoeuvre(arguments) => next_manoeuvre::run(&arguments),
         Benchmark::Report(arguments) => report::run(&arguments),
         Benchmark::Watch(arguments) => watch::run(&arguments),
+        Benchmark::Year(arguments) => year::run(&arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
