@@ -44,7 +44,7 @@ const PIVOT_DAYS: [u64; 2] = [300, 2];
 const DRIFT: Injected = Injected { assignment: "", name: "GYRY drift-step", term: None };
 const PIVOT: Injected = Injected { assignment: "", name: "GYRX pivot-clearance", term: None };
 
-/// What a step took: stage, its number, wall clock and CPU time, s, largest memory, MB, and the result in words.
+/// A step of a stage: wall clock and CPU time, s, largest memory, MB, and the result in words.
 struct Step {
     stage: String,
     number: u64,

@@ -96,7 +96,7 @@ pub struct Assembler<S> {
 /// The frames of a sample that is not complete.
 #[derive(Debug, Clone)]
 struct Pending<S> {
-    /// Of INCREMENTS.
+    /// Time and place of INCREMENTS.
     stamp: S,
     increments: [u8; LENGTH],
     /// With the right CRC.

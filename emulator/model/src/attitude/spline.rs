@@ -7,8 +7,8 @@ pub fn second_derivatives(t: &[f64], y: &[f64]) -> Vec<f64> {
     let h = |i: usize| t[i + 1] - t[i];
     let slope = |i: usize| (y[i + 1] - y[i]) / h(i);
     // Inner equations h[i−1] m[i−1] + 2(h[i−1] + h[i]) m[i] + h[i] m[i+1] = 6(slope[i] − slope[i−1]), with the end values
-    // m[0] = m[1] + (m[1] − m[2]) h[0]/h[1] put in, and likewise at the other end. Equation k is of m[k+1], and until it is solved
-    // its right side stands there.
+    // m[0] = m[1] + (m[1] − m[2]) h[0]/h[1] put in, and likewise at the other end. Equation k is of m[k+1], which first holds its right
+    // side.
     let (first, last) = if inner >= 2 { (h(0) / h(1), h(n - 2) / h(n - 3)) } else { (0.0, 0.0) };
     let lower = |k: usize| if k + 1 < inner { h(k) } else { h(k) - h(n - 2) * last };
     let upper = |k: usize| if k > 0 { h(k + 1) } else { h(1) - h(0) * first };
