@@ -1,7 +1,7 @@
 //! `geu-bench year`: a year of one unit, simulated, decoded to an archive, calibrated by fortnight and diagnosed by day.
 //!
 //! Each fortnight begins with a checkout. A day has a drift step in its second half, another one a loose float; every other day has no
-//! effect. What is done stands in `year.jsonl`, so that a run that was stopped continues.
+//! effect. Finished steps are kept in `year.jsonl`, so a stopped run continues.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions};
