@@ -228,6 +228,10 @@ impl Inputs {
         let inputs = Inputs { directory: directory.to_owned() };
         inputs::write(&inputs.path(LOG), &inputs.path(BIN), &inputs.path(PCAPNG), lines)?;
         fs::write(inputs.path(DBC), describe::dbc(CanIdMap::default()))?;
+        // Else they are written to the disk while they are read.
+        for name in [LOG, BIN, PCAPNG] {
+            File::open(inputs.path(name))?.sync_all()?;
+        }
         Ok(inputs)
     }
 

@@ -46,10 +46,10 @@ fn hours(text: &str) -> Result<f64, String> {
 }
 
 /// An injected effect: assignment, name of the diagnosis, and the equal term of a regression, if there is one.
-pub struct Injected {
-    pub assignment: &'static str,
-    pub name: &'static str,
-    pub term: Option<&'static str>,
+struct Injected {
+    assignment: &'static str,
+    name: &'static str,
+    term: Option<&'static str>,
 }
 
 const PIVOT: Injected = Injected {
@@ -165,15 +165,16 @@ fn diagnose(directory: &Path, cache: &Path, injected: &[Injected]) -> Result<(Fi
     match finished.output.status.code() {
         // 3: the residual is not explained, as the result states.
         Some(0 | 3) => {
-            let found = found(directory, injected)?;
+            let names: Vec<&str> = injected.iter().map(|effect| effect.name).collect();
+            let found = found(directory, &names)?;
             Ok((finished, found))
         }
         _ => Err(String::from_utf8_lossy(&finished.output.stderr).into_owned()),
     }
 }
 
-/// The result of a diagnosis, and whether it is the injected effects.
-pub fn found(directory: &Path, injected: &[Injected]) -> Result<String, String> {
+/// The result of the diagnosis in `found.json`, and whether it is the injected effects.
+pub fn found(directory: &Path, injected: &[&str]) -> Result<String, String> {
     let text = fs::read_to_string(directory.join("found.json")).map_err(|error| error.to_string())?;
     let result: Value = serde_json::from_str(&text).map_err(|error| error.to_string())?;
     let effects = result["effects"].as_array().into_iter().flatten();
@@ -192,7 +193,7 @@ pub fn found(directory: &Path, injected: &[Injected]) -> Result<String, String> 
         names.push(name);
     }
     let is_verdict_right = result["verdict"] == if injected.is_empty() { "consistent" } else { "explained" };
-    let is_right = is_verdict_right && is_same(&names, injected.iter().map(|effect| effect.name));
+    let is_right = is_verdict_right && is_same(&names, injected.iter().copied());
     Ok(format!("{}: {}", if is_right { "right" } else { "wrong" }, texts.join("; ")))
 }
 

@@ -1,13 +1,16 @@
 //! Child processes of benchmarks: the emulator, scripts, and their time and memory.
 
 use std::fs;
+use std::io;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use geu_process::EmulatorProcess;
+use nix::sys::prctl::set_pdeathsig;
 use nix::sys::resource::{UsageWho, getrusage};
+use nix::sys::signal::Signal;
 use nix::sys::time::TimeValLike;
 
 use crate::Result;
@@ -103,13 +106,15 @@ impl Finished {
 /// Interval at which a child's memory is read.
 const POLL_INTERVAL: Duration = Duration::from_millis(1);
 
-/// Runs a command to its end. Its output must be short, and is thrown away unless piped.
+/// Runs a command to its end, or to that of this program. Its output must be short, and is thrown away unless piped.
 ///
 /// # Errors
 /// The command cannot be started.
 pub fn finish(command: &mut Command, stdout: Stdio) -> Result<Finished, String> {
     let (start, cpu_before_s) = (Instant::now(), children_cpu_s());
     let failed = |error| format!("it cannot be started: {error}");
+    // SAFETY: between fork and exec this makes one system call and touches no memory.
+    unsafe { command.pre_exec(|| set_pdeathsig(Signal::SIGTERM).map_err(io::Error::from)) };
     let mut child = command.stdin(Stdio::null()).stdout(stdout).stderr(Stdio::piped()).spawn().map_err(failed)?;
     let (id, mut peak_mb) = (child.id().to_string(), 0.0f64);
     while child.try_wait().map_err(|error| error.to_string())?.is_none() {

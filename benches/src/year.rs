@@ -1,11 +1,11 @@
 //! `geu-bench year`: a year of one unit, simulated, decoded to an archive, calibrated by fortnight and diagnosed by day.
 //!
-//! Each fortnight begins with a checkout. A day has a drift step in its second half, another one a loose float; every other day has no
-//! effect. Finished steps are kept in `year.jsonl`, so a stopped run continues.
+//! A checkout comes every thirteen and a half days, so each fortnight has one. One day has a drift step in its second half, another one a
+//! loose float, all others have no effect. `year.jsonl` keeps the finished steps, so a stopped run continues.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions};
-use std::io::{BufRead, BufReader, BufWriter, Write};
+use std::io::{self, BufRead, BufReader, BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
@@ -13,14 +13,15 @@ use clap::Args;
 use serde_json::{Value, json};
 
 use crate::Result;
-use crate::diagnose::{Injected, found};
+use crate::diagnose::found;
 use crate::process::{Finished, finish, geu};
 use crate::table::Table;
 
 /// Arguments of `geu-bench year`.
 #[derive(Args)]
 pub struct Arguments {
-    #[arg(long, value_name = "N", default_value_t = 365)]
+    /// A part of a fortnight at the end is diagnosed with the calibration before it
+    #[arg(long, value_name = "N", default_value_t = 365, value_parser = clap::value_parser!(u64).range(3..=366))]
     days: u64,
     /// Directory of the recording and the results; a year takes up to 30 GB
     #[arg(long, value_name = "DIRECTORY")]
@@ -29,20 +30,23 @@ pub struct Arguments {
     seed: u64,
 }
 
+/// Finished steps.
+const RESULTS: &str = "year.jsonl";
 /// Midnight.
 const START_S: u64 = 1_790_035_200;
 const DAY_S: u64 = 86_400;
 const FORTNIGHT: u64 = 14;
-/// Scans of a survey, with which checkout and survey take some minutes more than a fortnight.
+/// Scans of a survey, with which checkout and survey take a little more than [`CYCLE_DAYS`].
 const SCANS: u64 = 2268;
+const CYCLE_DAYS: f64 = 13.5;
 /// The reference unit. Its scenario is a checkout and a survey for ever.
 const UNIT: &str = include_str!("../../configs/reference.toml");
 
-/// Days with an effect, from 0, of the whole year and of a trial of a few days.
-const DRIFT_DAYS: [u64; 2] = [200, 1];
-const PIVOT_DAYS: [u64; 2] = [300, 2];
-const DRIFT: Injected = Injected { assignment: "", name: "GYRY drift-step", term: None };
-const PIVOT: Injected = Injected { assignment: "", name: "GYRX pivot-clearance", term: None };
+/// Days with a drift step and with a loose float, from 0, of a year and of a shorter time.
+const DAYS_OF_YEAR: [u64; 2] = [200, 300];
+const DAYS_OF_TRIAL: [u64; 2] = [1, 2];
+const DRIFT: &str = "GYRY drift-step";
+const PIVOT: &str = "GYRX pivot-clearance";
 
 /// A step of a stage: wall clock and CPU time, s, largest memory, MB, and the result in words.
 struct Step {
@@ -57,12 +61,13 @@ struct Step {
 /// # Errors
 /// The directory cannot be written, a command fails.
 pub fn run(arguments: &Arguments) -> Result {
-    let year = Year { directory: &arguments.directory, days: arguments.days, is_whole: arguments.days > DRIFT_DAYS[0] };
+    let year = Year { directory: &arguments.directory, days: arguments.days };
     fs::create_dir_all(year.directory)?;
-    let mut steps = year.steps()?;
+    let version = completed(geu()?.arg("--version"))?.text()?;
+    let head = format!("{} days, seed {}, {}", arguments.days, arguments.seed, version.trim());
+    let mut steps = year.steps(&head)?;
     let mut work = vec![("simulate", 0), ("decode", 0)];
-    let fortnights = arguments.days.div_ceil(FORTNIGHT).min((arguments.days / FORTNIGHT).max(1));
-    work.extend((0..fortnights).map(|number| ("calibrate", number)));
+    work.extend((0..year.fortnights()).map(|number| ("calibrate", number)));
     work.extend((0..arguments.days).map(|number| ("diagnose", number)));
     for (stage, number) in work {
         if steps.iter().any(|done| done.stage == stage && done.number == number) {
@@ -80,8 +85,7 @@ pub fn run(arguments: &Arguments) -> Result {
         year.keep(&step)?;
         steps.push(step);
     }
-    println!("{} days, seed {}; {}", arguments.days, arguments.seed, geu()?.get_program().display());
-    println!("{}", table(&steps));
+    println!("{head}\n{}", table(&steps));
     Ok(())
 }
 
@@ -89,7 +93,6 @@ pub fn run(arguments: &Arguments) -> Result {
 struct Year<'a> {
     directory: &'a Path,
     days: u64,
-    is_whole: bool,
 }
 
 impl Year<'_> {
@@ -97,29 +100,47 @@ impl Year<'_> {
         self.directory.join(name)
     }
 
-    fn steps(&self) -> Result<Vec<Step>> {
-        let Ok(text) = fs::read_to_string(self.path("year.jsonl")) else { return Ok(Vec::new()) };
-        let step = |line: &str| -> Result<Step> {
-            let value: Value = serde_json::from_str(line)?;
+    /// Fortnights to calibrate.
+    fn fortnights(&self) -> u64 {
+        (self.days / FORTNIGHT).max(1)
+    }
+
+    /// The finished steps of a year of this description, which is the first line.
+    fn steps(&self, head: &str) -> Result<Vec<Step>> {
+        let (path, head) = (self.path(RESULTS), json!({ "year": head }).to_string());
+        let text = match fs::read_to_string(&path) {
+            Err(error) if error.kind() == ErrorKind::NotFound => String::new(),
+            text => text.map_err(|error| format!("{}: {error}", path.display()))?,
+        };
+        // A kill can leave the last line without its end.
+        let whole = &text[..text.rfind('\n').map_or(0, |end| end + 1)];
+        fs::write(&path, if whole.is_empty() { format!("{head}\n") } else { whole.to_owned() })?;
+        let mut lines = whole.lines().enumerate();
+        if let Some((_, own)) = lines.next().filter(|(_, own)| *own != head) {
+            return Err(format!("{}: expected {head}, got {own}; give another directory", path.display()).into());
+        }
+        let step = |(number, line): (usize, &str)| -> Result<Step> {
+            let failed = |error| format!("{}: line {}: {error}", path.display(), number + 1);
+            let value: Value = serde_json::from_str(line).map_err(failed)?;
             let text = |key: &str| value[key].as_str().unwrap_or_default().to_owned();
             let number = |key: &str| value[key].as_f64().unwrap_or_default();
             let figures = [number("time_s"), number("cpu_s"), number("peak_mb")];
             Ok(Step { stage: text("stage"), number: number("number") as u64, figures, result: text("result") })
         };
-        text.lines().map(step).collect()
+        lines.map(step).collect()
     }
 
     fn keep(&self, step: &Step) -> Result {
         let [time_s, cpu_s, peak_mb] = step.figures;
         let line = json!({ "stage": step.stage, "number": step.number, "time_s": time_s, "cpu_s": cpu_s, "peak_mb": peak_mb,
                            "result": step.result });
-        writeln!(OpenOptions::new().create(true).append(true).open(self.path("year.jsonl"))?, "{line}")?;
+        OpenOptions::new().append(true).open(self.path(RESULTS))?.write_all(format!("{line}\n").as_bytes())?;
         Ok(())
     }
 
     /// Days with a drift step and with a loose float.
     fn days_with_effects(&self) -> [u64; 2] {
-        [DRIFT_DAYS, PIVOT_DAYS].map(|[whole, trial]| if self.is_whole { whole } else { trial })
+        if self.days > DAYS_OF_YEAR[1] { DAYS_OF_YEAR } else { DAYS_OF_TRIAL }
     }
 
     /// Writes link and reference of the whole time, and the reference of each day.
@@ -128,7 +149,7 @@ impl Year<'_> {
         let (scenario, after) =
             rest.split_once("[temperature]").ok_or("expected a temperature of the reference unit")?;
         let scenario = scenario.replace("kind = \"survey\"", &format!("kind = \"survey\"\nscans = {SCANS}"));
-        let scenarios = format!("[[manoeuvre]]{scenario}").repeat(self.days.div_ceil(FORTNIGHT) as usize);
+        let scenarios = format!("[[manoeuvre]]{scenario}").repeat((self.days as f64 / CYCLE_DAYS).ceil() as usize);
         fs::write(self.path("year.toml"), format!("{before}{scenarios}[temperature]{after}"))?;
         let [drift_s, pivot_s] = self.days_with_effects().map(|day| day * DAY_S);
         fs::write(
@@ -164,16 +185,21 @@ impl Year<'_> {
         for line in lines {
             let line = line?;
             let seconds = line.split_once(',').and_then(|(t_s, _)| t_s.parse::<f64>().ok()).ok_or("expected a time")?;
-            // A row is of the time before it.
+            // A row has the motion up to its time.
             let day = (((seconds - START_S as f64) / DAY_S as f64).ceil() as u64).saturating_sub(1);
             if open.as_ref().is_none_or(|own| own.0 != day) {
                 let mut file = BufWriter::new(File::create(self.reference(day))?);
                 writeln!(file, "{header}")?;
-                open = Some((day, file));
+                if let Some((_, mut before)) = open.replace((day, file)) {
+                    before.flush()?;
+                }
             }
             if let Some((_, file)) = &mut open {
                 writeln!(file, "{line}")?;
             }
+        }
+        if let Some((_, mut last)) = open {
+            last.flush()?;
         }
         Ok(())
     }
@@ -184,6 +210,7 @@ impl Year<'_> {
 
     fn decode(&self) -> Result<(Finished, String)> {
         let (link, archive) = (self.path("recording").join("link.log"), self.path("archive"));
+        remove(&archive, fs::remove_dir_all)?;
         let mut command = geu()?;
         command
             .arg("decode")
@@ -191,7 +218,6 @@ impl Year<'_> {
             .args(["--quiet", "--force", "--format", "parquet", "--partition"])
             .arg(&archive);
         let finished = completed(&mut command)?;
-        fs::remove_file(link)?;
         Ok((finished, format!("archive of {:.1} GB", bytes_of(&archive)? as f64 * 1e-9)))
     }
 
@@ -200,7 +226,7 @@ impl Year<'_> {
         let [from_s, to_s] = days.map(|day| (START_S + day * DAY_S).to_string());
         let mut own = geu()?;
         own.arg(command).arg("--config").arg(config).arg("--link").arg(self.path("archive"));
-        own.args(["--from", &from_s, "--to", &to_s]).env("XDG_CACHE_HOME", self.path("cache"));
+        own.args(["--from", &from_s, "--to", &to_s]);
         Ok(own)
     }
 
@@ -208,8 +234,9 @@ impl Year<'_> {
         self.path(&format!("calibrated-{fortnight:02}.toml"))
     }
 
-    /// Calibrates a fortnight. Without an explanation of its data the calibration before stays.
+    /// Calibrates a fortnight. If its data are not explained, the calibration before is used.
     fn calibrate(&self, fortnight: u64) -> Result<(Finished, String)> {
+        remove(&self.path("recording").join("link.log"), fs::remove_file)?;
         let (first, end) = (fortnight * FORTNIGHT, ((fortnight + 1) * FORTNIGHT).min(self.days));
         let reference = self.path("fortnight.csv");
         let mut all = BufWriter::new(File::create(&reference)?);
@@ -221,33 +248,38 @@ impl Year<'_> {
         all.flush()?;
         let prior = self.path("unit.toml");
         fs::write(&prior, UNIT)?;
-        let (result, out) = (self.path("calibrated.json"), self.config(fortnight));
+        let out = self.config(fortnight);
+        remove(&out, fs::remove_file)?;
         let mut command = self.on_archive("calibrate", &prior, [first, end])?;
-        command.arg("--reference").arg(&reference).arg("--json").arg(&result).arg("--out").arg(&out);
+        command.arg("--reference").arg(&reference).arg("--out").arg(&out);
         let finished = finish(&mut command, Stdio::null())?;
         fs::remove_file(&reference)?;
-        if out.exists() {
-            return Ok((finished, "explained".to_owned()));
+        match finished.output.status.code() {
+            Some(0) => Ok((finished, "explained".to_owned())),
+            Some(1) if String::from_utf8_lossy(&finished.output.stderr).contains("--anyway") => {
+                fs::copy(if fortnight == 0 { prior } else { self.config(fortnight - 1) }, out)?;
+                Ok((finished, "not explained".to_owned()))
+            }
+            _ => Err(finished.text().err().unwrap_or_default().into()),
         }
-        if !result.exists() {
-            return Err(finished.text().err().unwrap_or_default().into());
-        }
-        fs::copy(if fortnight == 0 { prior } else { self.config(fortnight - 1) }, out)?;
-        Ok((finished, "not explained".to_owned()))
     }
 
     fn diagnose(&self, day: u64) -> Result<(Finished, String)> {
         let [drift, pivot] = self.days_with_effects();
-        let injected: &[Injected] = match day {
+        let injected: &[&str] = match day {
             _ if day == drift => &[DRIFT],
             _ if day == pivot => &[PIVOT],
             _ => &[],
         };
-        let config = self.config((day / FORTNIGHT).min((self.days / FORTNIGHT).max(1) - 1));
+        let config = self.config((day / FORTNIGHT).min(self.fortnights() - 1));
         let mut command = self.on_archive("diagnose", &config, [day, day + 1])?;
-        command.arg("--reference").arg(self.reference(day)).arg("--json").arg(self.path("found.json"));
+        command
+            .arg("--reference")
+            .arg(self.reference(day))
+            .arg("--no-cache")
+            .arg("--json")
+            .arg(self.path("found.json"));
         let finished = finish(&mut command, Stdio::null())?;
-        fs::remove_dir_all(self.path("cache"))?;
         match finished.output.status.code() {
             // 3: not explained, as the result states.
             Some(0 | 3) => Ok((finished, found(self.directory, injected)?)),
@@ -290,9 +322,17 @@ fn table(steps: &[Step]) -> Table {
 }
 
 fn completed(command: &mut Command) -> Result<Finished> {
-    let finished = finish(command, Stdio::null())?;
+    let finished = finish(command, Stdio::piped())?;
     finished.text()?;
     Ok(finished)
+}
+
+/// Removes what may be absent.
+fn remove<'a>(path: &'a Path, remove: impl FnOnce(&'a Path) -> io::Result<()>) -> Result {
+    match remove(path) {
+        Err(error) if error.kind() != ErrorKind::NotFound => Err(format!("{}: {error}", path.display()).into()),
+        _ => Ok(()),
+    }
 }
 
 /// Bytes of the files under a directory.

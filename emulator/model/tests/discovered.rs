@@ -38,7 +38,7 @@ fn turning() -> Truth {
             AttitudeRow { t_s, angle_control_arcsec, theta_psi_rad: Some((80f64.to_radians(), 0.0)) }
         })
         .collect();
-    Truth::Recorded(Arc::new(RecordedAttitude::new(&rows).expect("good rows")))
+    Truth::Recorded(Arc::new(RecordedAttitude::new(rows).expect("good rows")))
 }
 
 #[test]

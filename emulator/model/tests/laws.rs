@@ -16,7 +16,7 @@ fn counted(effects: &str, seed: u64, samples: usize, from: f64, by: f64) -> Vec<
             AttitudeRow { t_s, angle_control_arcsec: [angle_arcsec, 0.0, 0.0], theta_psi_rad: None }
         })
         .collect();
-    let truth = Truth::Recorded(Arc::new(RecordedAttitude::new(&rows).expect("good rows")));
+    let truth = Truth::Recorded(Arc::new(RecordedAttitude::new(rows).expect("good rows")));
     let mut configuration =
         Configuration::parse("test.toml", effects, &[]).unwrap_or_else(|error| panic!("{effects}: {error}"));
     configuration.seed = seed;

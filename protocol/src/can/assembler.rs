@@ -99,7 +99,7 @@ struct Pending<S> {
     /// Time and place of INCREMENTS.
     stamp: S,
     increments: [u8; LENGTH],
-    /// With the right CRC.
+    /// Once a STATUS with the right CRC came.
     status: Option<[u8; LENGTH]>,
 }
 
@@ -174,21 +174,21 @@ impl<S: Copy> Assembler<S> {
             return defect(stamp, CanDefect::WrongLength, [data, &[]], sink);
         };
         let pending = self.pending.take();
-        let row = pending.as_ref().and_then(Pending::row);
-        if let Some(row) = row {
+        if let Some(row) = pending.as_ref().and_then(Pending::row) {
             sink(AssemblerEvent::Row(row));
+            let kind =
+                if role == Role::Status { CanDefect::StatusWithoutIncrements } else { CanDefect::ClockInconsistent };
+            return defect(stamp, kind, [bytes, &[]], sink);
         }
-        let increments = pending.filter(|_| row.is_none());
-        match role {
-            Role::Increments => self.pending = Some(Pending { stamp, increments: *bytes, status: None }),
-            Role::Status => match increments {
-                Some(first) => defect(first.stamp, CanDefect::CrcMismatch, [&first.increments, bytes], sink),
-                None => defect(stamp, CanDefect::StatusWithoutIncrements, [bytes, &[]], sink),
-            },
-            _ if row.is_some() => defect(stamp, CanDefect::ClockInconsistent, [bytes, &[]], sink),
-            _ => {
-                // INCREMENTS still wait for their STATUS.
-                self.pending = increments;
+        match (role, pending) {
+            (Role::Increments, _) => self.pending = Some(Pending { stamp, increments: *bytes, status: None }),
+            (Role::Status, Some(first)) => {
+                defect(first.stamp, CanDefect::CrcMismatch, [&first.increments, bytes], sink);
+            }
+            (Role::Status, None) => defect(stamp, CanDefect::StatusWithoutIncrements, [bytes, &[]], sink),
+            (_, pending) => {
+                // INCREMENTS, if any, still wait for their STATUS.
+                self.pending = pending;
                 defect(stamp, CanDefect::ClockWithoutStatus, [bytes, &[]], sink);
             }
         }
@@ -310,6 +310,28 @@ mod tests {
                 row(4, 1)
             ]
         );
+    }
+
+    #[test]
+    fn a_second_status_ends_the_sample_and_a_short_clock_does_not() {
+        let without_clock = |stamp, sequence| {
+            let sample = Sample { clock_count: 0, sensor_centi_c: 0, ..sample(sequence) };
+            Seen::Row(AssembledSample { stamp, sample, has_clock: false })
+        };
+        let mut traffic = frames(&[0, 1]);
+        traffic.insert(2, traffic[1]);
+        assert_eq!(
+            assemble(&traffic),
+            [
+                without_clock(0, 0),
+                Seen::Defect(2, CanDefect::StatusWithoutIncrements),
+                Seen::Defect(3, CanDefect::ClockWithoutStatus),
+                row(4, 1)
+            ]
+        );
+        let mut traffic = frames(&[0, 1]);
+        traffic.insert(2, CanFrame::new(0x1A2, &[1, 2, 3]).unwrap());
+        assert_eq!(assemble(&traffic), [Seen::Defect(2, CanDefect::WrongLength), row(0, 0), row(4, 1)]);
     }
 
     #[test]

@@ -154,29 +154,30 @@ pub fn hex_byte(high: u8, low: u8) -> Option<u8> {
     (high | low < 16).then_some(high << 4 | low)
 }
 
-/// Values of a first and of a second digit; above 255 for any other byte, so that `|` checks several at once.
-const PAIR: [[u16; 256]; 2] = {
-    let mut table = [[0xFF00; 256]; 2];
-    let mut digit = 0;
-    while digit < 256 {
-        if HEX[digit] != NO_DIGIT {
-            (table[0][digit], table[1][digit]) = ((HEX[digit] as u16) << 4, HEX[digit] as u16);
-        }
-        digit += 1;
-    }
-    table
-};
-
 /// The bytes of 16 hexadecimal digits.
 #[inline]
 pub fn hex_data(text: &[u8; 16]) -> Option<[u8; 8]> {
-    let (mut data, mut wrong) = ([0; 8], 0);
-    for (byte, pair) in data.iter_mut().zip(text.chunks_exact(2)) {
-        let value = PAIR[0][usize::from(pair[0])] | PAIR[1][usize::from(pair[1])];
-        wrong |= value;
-        *byte = value as u8;
+    let (first, second) = text.split_at(8);
+    let [first, second] = [first, second].map(|half| half.try_into().map_or(0, u64::from_le_bytes));
+    let data = u64::from(eight_hex_digits(first)?) | u64::from(eight_hex_digits(second)?) << 32;
+    Some(data.to_le_bytes())
+}
+
+/// Four bytes, the first in the lowest byte, of eight ASCII digits (all eight at once, each in its byte of a word).
+#[inline]
+fn eight_hex_digits(text: u64) -> Option<u32> {
+    const ONES: u64 = 0x0101_0101_0101_0101;
+    let letters = (text >> 6) & ONES;
+    let values = (text & (0x0F * ONES)) + 9 * letters;
+    // A digit is right if its value, below 16, is written like it but for the case.
+    let above_nine = ((values + 6 * ONES) >> 4) & ONES;
+    let written = values + 0x30 * ONES + 7 * above_nine;
+    if (text & !(letters << 5)) != written || values & (0x10 * ONES) != 0 {
+        return None;
     }
-    (wrong < 0x100).then_some(data)
+    let pairs = ((values << 4) | (values >> 8)) & 0x00FF_00FF_00FF_00FF;
+    let fours = (pairs | (pairs >> 8)) & 0x0000_FFFF_0000_FFFF;
+    Some((fours | (fours >> 16)) as u32)
 }
 
 /// A number in base 10 or 16, of one to eight digits.

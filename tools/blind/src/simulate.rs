@@ -48,7 +48,7 @@ pub fn simulate(configuration: &Configuration, duration_s: f64) -> SimulatedReco
         let t_s = index as f64 * SAMPLE_INTERVAL_S;
         motion.push(AttitudeRow { t_s, angle_control_arcsec: [0.0; 3], ..motion[0] });
     }
-    let truth = Arc::new(RecordedAttitude::new(&motion).expect("rows every 0.5 s"));
+    let truth = Arc::new(RecordedAttitude::new(motion.clone()).expect("rows every 0.5 s"));
     SimulatedRecording { rows, reference: ReferenceAttitude::of_truth(start_ns, truth), motion }
 }
 

@@ -135,7 +135,7 @@ pub fn simulate(configuration: &Configuration) -> CheckoutRun {
         }
     }
     sensors.fixes = fixes.into_values().collect();
-    let truth = RecordedAttitude::new(&rows).expect("rows of one sample each");
+    let truth = RecordedAttitude::new(rows).expect("rows of one sample each");
     let reference = ReferenceAttitude::of_truth(configuration.start_unix_ns, truth);
     CheckoutRun { counts, windows, reference, sensors }
 }

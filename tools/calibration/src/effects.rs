@@ -117,7 +117,7 @@ fn moved(times_s: &[f64], steps: impl Iterator<Item = MotionStep>) -> Option<Tru
     let mut rows = Vec::with_capacity(times_s.len());
     rows.push(start);
     rows.extend(steps.zip(&times_s[1..]).map(row));
-    Some(Truth::Recorded(Arc::new(RecordedAttitude::with_gaps(rows).ok()?.without_gaps().ok()?)))
+    Some(Truth::Recorded(Arc::new(RecordedAttitude::new(rows).ok()?)))
 }
 
 /// Accumulated changes by every effect of unit and gyros.

@@ -52,7 +52,7 @@ mod tests {
             angle_control_arcsec: [0.0; 3],
             theta_psi_rad: Some((1.5, 0.0)),
         };
-        let truth = RecordedAttitude::new(&(0..=3000).map(row).collect::<Vec<_>>()).expect("a truth");
+        let truth = RecordedAttitude::new((0..=3000).map(row).collect()).expect("a truth");
         let mut counts = AccumulatedCounts::starting_at(0);
         // Half a count of rounding, and 40 counts in the sample that ends at 500 s on the first gyro alone.
         for node in 1..=2400 {

@@ -300,7 +300,7 @@ mod tests {
             theta_psi_rad: Some((1.5, 0.0)),
         };
         let rows: Vec<AttitudeRow> = (0..=3000).map(row).collect();
-        let truth = Arc::new(RecordedAttitude::new(&rows).expect("a truth"));
+        let truth = Arc::new(RecordedAttitude::new(rows).expect("a truth"));
         let mut counts = AccumulatedCounts::starting_at((start_s * 1e9) as i64);
         (1..=2400).for_each(|node| counts.push(node as f64 * SAMPLE_INTERVAL_S, &[0.0; 4], 20.0));
         let lost = |node: usize| Discontinuity { from: node, to: node + 1, gyros: Gyros::ALL, kind: BreakKind::Gap(1) };

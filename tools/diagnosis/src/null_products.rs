@@ -17,7 +17,7 @@ use crate::signature_bank::{Column, ConstantSignature, SignatureBank};
 /// Number of null recordings.
 pub const RUNS: usize = 128;
 
-/// Blocks that are added for all courses before the next ones: their derivatives fit into the cache of a core.
+/// Blocks that are added for all courses before the next ones: their derivatives, 128 KiB, fit into the second cache of a core.
 const AT_ONCE: usize = 256;
 /// Recordings of which the sums fit into registers.
 const LANES: usize = 32;
@@ -204,7 +204,7 @@ pub(crate) mod tests {
             theta_psi_rad: Some((1.5, 0.0)),
         };
         let rows: Vec<AttitudeRow> = (0..=3600).map(row).collect();
-        let truth = Arc::new(RecordedAttitude::new(&rows).expect("a truth"));
+        let truth = Arc::new(RecordedAttitude::new(rows).expect("a truth"));
         let mut counts = AccumulatedCounts::starting_at(0);
         (1..=3600).for_each(|node| counts.push(node as f64 * SAMPLE_INTERVAL_S, &[0.0; 4], 20.0 + node as f64 * 1e-3));
         counts.breaks = vec![Discontinuity { from: 1800, to: 1801, gyros: Gyros::ALL, kind: BreakKind::Gap(1) }];

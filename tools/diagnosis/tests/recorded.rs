@@ -40,7 +40,7 @@ pub fn recorded(nominal: &Configuration, manoeuvres: &[Manoeuvre], after_s: Opti
         }
     };
     let rows: Vec<AttitudeRow> = (0..=count + 4).map(row).collect();
-    let truth = Arc::new(RecordedAttitude::new(&rows).expect("a truth"));
+    let truth = Arc::new(RecordedAttitude::new(rows).expect("a truth"));
     let mut counts = AccumulatedCounts::starting_at(0);
     for node in 1..=count {
         let electronics_c = 20.0 + 4.0 * (node as f64 * SAMPLE_INTERVAL_S * std::f64::consts::TAU / 6180.0).sin();

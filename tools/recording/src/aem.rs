@@ -245,7 +245,7 @@ pub(crate) fn parse(
         place.line += 1;
         return Err(place.wrong("message", "a segment of data up to DATA_STOP", "the end of the file"));
     };
-    let truth = RecordedAttitude::new(&rows);
+    let truth = RecordedAttitude::new(rows);
     let turns = ReferenceAttitude::from_turns(name, start_ns.unwrap_or(0), &lines, Some(layout.time_system), truth)?;
     Ok(ReferenceAttitude { is_attitude: true, ..turns })
 }

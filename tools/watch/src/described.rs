@@ -198,7 +198,7 @@ mod tests {
             angle_control_arcsec: [f64::from(index); 3],
             theta_psi_rad: None,
         };
-        let truth = RecordedAttitude::new(&(0..5000).map(row).collect::<Vec<_>>()).expect("a truth");
+        let truth = RecordedAttitude::new((0..5000).map(row).collect()).expect("a truth");
         let reference = ReferenceAttitude::of_truth(0, truth);
         let configuration = Configuration::of_device(&device, &[]).expect("a configuration");
         let mut monitor = DeviceMonitor::new(&configuration, reference);

@@ -328,7 +328,7 @@ mod tests {
             angle_control_arcsec: [1.3, 0.9, 1.7].map(|rate| rate * 20.0 * (node as f64 / (400.0 * rate)).sin()),
             theta_psi_rad: Some((1.5, 0.0)),
         };
-        let truth = RecordedAttitude::new(&(0..=72_000).map(row).collect::<Vec<_>>()).expect("a truth");
+        let truth = RecordedAttitude::new((0..=72_000).map(row).collect()).expect("a truth");
         let reference = ReferenceAttitude::of_truth(0, truth.clone());
         let unit = Configuration::reference_with(&overrides).expect("a unit");
         let mut unit = GyroUnit::on(&unit, &Truth::Recorded(truth.into()));

@@ -109,8 +109,8 @@ impl RecordedAttitude {
     ///
     /// # Errors
     /// Rows that overlap, leave a gap, or are too few.
-    pub fn new(rows: &[AttitudeRow]) -> Result<RecordedAttitude, AttitudeRowsError> {
-        RecordedAttitude::with_gaps(rows.to_vec())?.without_gaps()
+    pub fn new(rows: Vec<AttitudeRow>) -> Result<RecordedAttitude, AttitudeRowsError> {
+        RecordedAttitude::with_gaps(rows)?.without_gaps()
     }
 
     /// Refuses gaps between the rows.
@@ -129,13 +129,14 @@ impl RecordedAttitude {
     /// # Errors
     /// Rows that overlap or are too few.
     pub fn with_gaps(rows: Vec<AttitudeRow>) -> Result<RecordedAttitude, AttitudeRowsError> {
-        let read = RecordedAttitude::without_bend(rows)?;
-        let bend = read.angle_control_arcsec.each_ref().map(|angles| second_derivatives(&read.t_s, angles));
-        Ok(RecordedAttitude { bend: Arc::new(bend), ..read })
+        RecordedAttitude::read(rows, |t_s, angles| angles.each_ref().map(|own| second_derivatives(t_s, own)))
     }
 
-    /// The motion without a spline. The rows end here: they take more memory than the truth.
-    fn without_bend(rows: Vec<AttitudeRow>) -> Result<RecordedAttitude, AttitudeRowsError> {
+    /// The motion with the second derivatives that `bend` makes of times and angles. The rows, which take more memory, end before.
+    fn read(
+        rows: Vec<AttitudeRow>,
+        bend: impl FnOnce(&[f64], &[Vec<f64>; 3]) -> [Vec<f64>; 3],
+    ) -> Result<RecordedAttitude, AttitudeRowsError> {
         let intervals = rows.len().saturating_sub(1);
         if intervals < 3 {
             return Err(AttitudeRowsError::TooFew(intervals));
@@ -171,11 +172,11 @@ impl RecordedAttitude {
         drop(rows);
         let turn_psi_rad = theta_psi_rad.windows(2).map(|pair| shorter_way(pair[1].1 - pair[0].1)).collect();
         let departure_arcsec = departure(&t_s, &angle_control_arcsec, &theta_psi_rad);
-        let gaps = gaps(&t_s);
+        let (gaps, bend) = (gaps(&t_s), bend(&t_s, &angle_control_arcsec));
         Ok(RecordedAttitude {
             t_s,
             angle_control_arcsec: Arc::new(angle_control_arcsec),
-            bend: Arc::default(),
+            bend: Arc::new(bend),
             theta_psi_rad,
             turn_psi_rad,
             departure_arcsec,
@@ -198,23 +199,22 @@ impl RecordedAttitude {
     ) -> Result<RecordedAttitude, AttitudeRowsError> {
         let is_rest = |row: &usize| rows[*row].angle_control_arcsec == [0.0; 3] && unknown.binary_search(row).is_err();
         let rests: Vec<usize> = (1..rows.len()).filter(|row| !is_attitude && is_rest(row)).collect();
-        let mut read = RecordedAttitude::without_bend(rows)?;
         // A jump is the end of one spline and the start of the next.
         let of_jump = jumps.iter().map(|&row| (row + 1, row));
         let mut ends: Vec<(usize, usize)> = unknown.iter().map(|&row| (row, row)).chain(of_jump).collect();
         ends.sort_unstable();
         let starts = [0].into_iter().chain(ends.iter().map(|own| own.1));
-        let splines: Vec<_> = starts.zip(ends.iter().map(|own| own.0).chain([read.t_s.len()])).collect();
-        let bend = read.angle_control_arcsec.each_ref().map(|angles| {
+        let splines: Vec<_> = starts.zip(ends.iter().map(|own| own.0).chain([rows.len()])).collect();
+        let bend_of = |t_s: &[f64], angles: &Vec<f64>| {
             let mut bend = vec![0.0; angles.len()];
             for own in splines.iter().map(|&(from, to)| from..to).filter(|own| own.len() >= 3) {
-                bend[own.clone()].copy_from_slice(&second_derivatives(&read.t_s[own.clone()], &angles[own]));
+                bend[own.clone()].copy_from_slice(&second_derivatives(&t_s[own.clone()], &angles[own]));
             }
             jumps.iter().for_each(|&row| bend[row] = 0.0);
             rests.iter().for_each(|&row| bend[row - 1..=row].fill(0.0));
             bend
-        });
-        read.bend = Arc::new(bend);
+        };
+        let read = RecordedAttitude::read(rows, |t_s, angles| angles.each_ref().map(|own| bend_of(t_s, own)))?;
         let mut gaps = if is_attitude { read.gaps } else { Vec::new() };
         gaps.extend(&unknown);
         gaps.sort_unstable();

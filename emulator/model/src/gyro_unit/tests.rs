@@ -39,7 +39,7 @@ fn a_truth_covers_what_its_clock_needs() {
         let row =
             |tenth| AttitudeRow { t_s: f64::from(tenth) / 10.0, angle_control_arcsec: [0.0; 3], theta_psi_rad: None };
         let rows: Vec<AttitudeRow> = (0..=tenths).map(row).collect();
-        Truth::Recorded(Arc::new(RecordedAttitude::new(&rows).expect("good rows")))
+        Truth::Recorded(Arc::new(RecordedAttitude::new(rows).expect("good rows")))
     };
     let stepped = |t_s: f64| {
         let knots = StreamedAttitude::default();

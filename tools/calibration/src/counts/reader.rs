@@ -201,7 +201,7 @@ impl NodeReader {
         let interval_s = counts.interval_s;
         let interval_ns = (interval_s * 1e9).round() as i64;
         // Departures of the times from nominal samples since the first, so that no digit is lost.
-        let departures: Vec<(usize, f64)> = times
+        let mut departures: Vec<(usize, f64)> = times
             .map(|(node, t_ns, _)| (node, (t_ns - first.1 - (node - first.0) as i64 * interval_ns) as f64 * 1e-9))
             .collect();
         let (course, jumps) = course(&departures, (TIMING_S / interval_s) as usize);
@@ -216,6 +216,8 @@ impl NodeReader {
             counts.sensor_c.resize(counts.node_s.len(), held);
         }
         if is_received {
+            // It was collected in the place of the times, which are longer.
+            departures.shrink_to_fit();
             counts.received_late_s = departures;
         }
         counts.start_ns = first.1 + zero_ns + (start_s * 1e9).round() as i64;
@@ -278,6 +280,22 @@ mod tests {
 
     use geu_model::units::ARCSEC_PER_RAD;
     use nalgebra::{UnitQuaternion, Vector3};
+
+    #[test]
+    fn the_times_count_from_the_first_that_was_received() {
+        let start_ns = 1_790_000_000_000_000_000;
+        let mut reader = NodeReader::new(AccumulatedCounts::starting_at(0));
+        for sample in 1..=5 {
+            // The first sample has the time of the unit's clock alone.
+            let is_received = sample > 1;
+            let t_ns = sample * SAMPLE_INTERVAL_NS + if is_received { start_ns } else { 0 };
+            reader.push(1, None, &[0.0; 4], 20.0, None, Some((t_ns, is_received)));
+        }
+        let counts = reader.finish(0).expect("counts");
+        assert_eq!((counts.start_ns, counts.is_received), (start_ns, true));
+        assert_eq!(counts.node_s, [0.0, 0.5, 1.0, 1.5, 2.0, 2.5]);
+        assert_eq!(counts.received_late_s, [(2, 0.0), (3, 0.0), (4, 0.0), (5, 0.0)]);
+    }
 
     #[test]
     fn the_sum_of_a_node_and_its_coning_are_the_turn_of_its_samples() {

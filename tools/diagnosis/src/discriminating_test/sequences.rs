@@ -124,7 +124,7 @@ pub fn planned(nominal: &Configuration, scenario: Scenario) -> Option<PlannedMot
     for node in 1..=samples + (AFTER_S / SAMPLE_INTERVAL_S) as usize {
         rows.push(reference.advance(node as f64 * SAMPLE_INTERVAL_S).row());
     }
-    Some(PlannedMotion { motion: RecordedAttitude::new(&rows).ok()?, samples })
+    Some(PlannedMotion { motion: RecordedAttitude::new(rows).ok()?, samples })
 }
 
 fn rest() -> Manoeuvre {

@@ -34,7 +34,7 @@ pub fn recorded(times_s: &[f64], angles: &[Vector3<f64>], reference: &RecordedAt
         }
     };
     let rows: Vec<AttitudeRow> = (0..times_s.len()).map(row).collect();
-    RecordedAttitude::new(&rows).ok()
+    RecordedAttitude::new(rows).ok()
 }
 
 /// Accumulated angles about the control axes from attitudes and the coning before each.
@@ -83,7 +83,7 @@ mod tests {
             AttitudeRow { t_s: 0.01 * row as f64, angle_control_arcsec: turned.into(), theta_psi_rad: None }
         };
         let rows: Vec<AttitudeRow> = (0..=1000).map(of_row).collect();
-        let rows = RecordedAttitude::new(&rows).expect("rows");
+        let rows = RecordedAttitude::new(rows).expect("rows");
         let error = |motion: &RecordedAttitude| {
             let off = motion.rows().enumerate().map(|(row, (_, own))| (Vector3::from(own) - angle(100 * row)).norm());
             off.fold(0.0, f64::max)

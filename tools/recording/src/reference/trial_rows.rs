@@ -151,9 +151,7 @@ impl TrialRows {
         self.starts_s = Vec::new();
         let places = || starts.iter().map(|own| own.0);
         insert(&mut self.lines, places(), |_, line| line);
-        if !self.sigma_arcsec.is_empty() {
-            insert(&mut self.sigma_arcsec, places(), |_, _| [0.0; 3]);
-        }
+        insert(&mut self.sigma_arcsec, places(), |_, _| [0.0; 3]);
         insert(&mut self.rows, places(), |number, row| AttitudeRow {
             t_s: starts[number].1,
             angle_control_arcsec: [0.0; 3],
@@ -269,7 +267,7 @@ impl TrialRows {
                 all = TrialRows { base_ns: all.base_ns, ..own };
                 continue;
             }
-            all.unknown.extend([before].into_iter().chain(own.unknown.iter().map(|row| row + before)));
+            all.unknown.extend(std::iter::once(before).chain(own.unknown.iter().map(|row| row + before)));
             all.jumps.extend(own.jumps.iter().map(|row| row + before));
             all.rows.append(&mut own.rows);
             all.lines.append(&mut own.lines);
