@@ -83,12 +83,14 @@ pub fn thresholds(
     noise: &[NoiseModel; CHANNELS],
     seed: u64,
 ) -> Thresholds {
-    let raw = |run: usize| draw(case, path, noise, seed.wrapping_add(run as u64));
-    let raw: Vec<Series> = (0..RUNS).into_par_iter().map(raw).collect();
-    let drawn: Vec<Series> = raw.par_iter().map(|raw| normal.projected_residual_of(raw)).collect();
+    let drawn = |run: usize| {
+        let raw = draw(case, path, noise, seed.wrapping_add(run as u64));
+        (normal.projected_residual_of(&raw), (run < NOISE_RUNS).then_some(raw))
+    };
+    let (drawn, raw): (Vec<Series>, Vec<Option<Series>>) = (0..RUNS).into_par_iter().map(drawn).unzip();
+    let raw: Vec<Series> = raw.into_iter().flatten().collect();
     let whiteness: Vec<f64> = drawn.iter().map(|left| whiteness_statistic(left).0).collect();
-    let channels = null_channels(normal, &drawn);
-    drop(drawn);
+    let channels = null_channels(normal, drawn);
     // Signatures with many time courses come first, so that the threads end at the same time.
     let mut bases: Vec<usize> = (0..bank.bases.len()).collect();
     bases.sort_by_key(|&base| Reverse(bank.variations(&bank.bases[base]).len()));
@@ -103,7 +105,7 @@ pub fn thresholds(
         },
     );
     let mut chi2 = limits(&largest);
-    let falls = largest_walks(case, noise, &raw[..NOISE_RUNS]);
+    let falls = largest_walks(case, noise, &raw);
     chi2[HypothesisFamily::NOISE.0] = quantile(&falls, FALSE_ALARM_RATE).unwrap_or(0.0).max(MIN_NOISE_CHI2);
     Thresholds { chi2, whiteness_statistic: quantile(&whiteness, FALSE_REJECTION_RATE).unwrap_or(1.0) }
 }

@@ -19,6 +19,8 @@ pub const RUNS: usize = 128;
 
 /// Blocks that are added for all courses before the next ones: their derivatives, 128 KiB, fit into the second cache of a core.
 const AT_ONCE: usize = 256;
+/// Courses whose values are kept at the same time.
+const COURSES_AT_ONCE: usize = 64;
 /// Recordings of which the sums fit into registers.
 const LANES: usize = 32;
 
@@ -33,20 +35,21 @@ pub struct NullChannel {
     derivatives: Vec<OfRuns>,
 }
 
-/// These recordings on each channel.
-pub fn null_channels(normal: &NormalEquations, drawn: &[Series]) -> [NullChannel; CHANNELS] {
-    let blocks = drawn[0][0].len();
-    let by_block = |series: &dyn Fn(usize) -> Vec<f64>| {
-        let mut all = vec![[0.0; RUNS]; blocks + 1];
-        for run in 0..RUNS {
-            all.iter_mut().zip(series(run)).for_each(|(runs, value)| runs[run] = value as f32);
-        }
-        all
+/// These recordings, of which there are [`RUNS`], on each channel.
+pub fn null_channels(normal: &NormalEquations, drawn: Vec<Series>) -> [NullChannel; CHANNELS] {
+    let none = || vec![[0.0; RUNS]; drawn[0][0].len() + 1];
+    let mut channels = std::array::from_fn(|_| NullChannel { white: none(), derivatives: none() });
+    let put = |all: &mut [OfRuns], run: usize, values: &[f64]| {
+        all.iter_mut().zip(values).for_each(|(runs, value)| runs[run] = *value as f32);
     };
-    std::array::from_fn(|channel| NullChannel {
-        white: by_block(&|run| drawn[run][channel].clone()),
-        derivatives: by_block(&|run| normal.derivatives(channel, &drawn[run][channel])),
-    })
+    // Each recording ends once it is put: together they take as much memory as the channels.
+    for (run, own) in drawn.into_iter().enumerate() {
+        for (channel, (values, place)) in own.iter().zip(&mut channels).enumerate() {
+            put(&mut place.white, run, values);
+            put(&mut place.derivatives, run, &normal.derivatives(channel, values));
+        }
+    }
+    channels
 }
 
 /// Products of the courses of one signature.
@@ -87,8 +90,10 @@ impl<'a> NullProducts<'a> {
                     products.tails[channel].insert((decay, from), sums);
                 }
             }
-            let of_others = products.sums(channel, &others);
-            products.others[channel] = others.iter().copied().zip(of_others).collect();
+            for places in others.chunks(COURSES_AT_ONCE) {
+                let of_others = products.sums(channel, places);
+                products.others[channel].extend(places.iter().copied().zip(of_others));
+            }
         }
         products
     }
@@ -136,7 +141,11 @@ impl<'a> NullProducts<'a> {
                     };
                     (value * of_value(&self.base.series[channel], self.base.mode, block).0) as f32
                 };
-                let sizes: Vec<f32> = blocks.clone().map(size).collect();
+                let mut sizes = [0.0; AT_ONCE];
+                sizes.iter_mut().zip(blocks.clone()).for_each(|(own, block)| *own = size(block));
+                if sizes.iter().all(|size| *size == 0.0) {
+                    continue;
+                }
                 for (lanes, sums) in sums.chunks_exact_mut(LANES).enumerate() {
                     let mut own: [f32; LANES] = std::array::from_fn(|lane| sums[lane]);
                     for (size, runs) in sizes.iter().zip(derivatives.iter()) {
@@ -235,7 +244,7 @@ pub(crate) mod tests {
                 (0..blocks).filter(|_| channel < 4).map(value).collect()
             })
         };
-        let channels = null_channels(&normal, &(0..RUNS).map(drawn).collect::<Vec<_>>());
+        let channels = null_channels(&normal, (0..RUNS).map(drawn).collect());
         let mut compared = [0, 0];
         for base in bank.bases.iter().filter(|base| base.is_linear) {
             let products = NullProducts::new(&bank, base, &channels);
