@@ -19,7 +19,7 @@ pub const RUNS: usize = 128;
 
 /// Blocks that are added for all courses before the next ones: their derivatives, 128 KiB, fit into the second cache of a core.
 const AT_ONCE: usize = 256;
-/// Courses whose values are kept at the same time.
+/// Number of courses with their values in memory.
 const COURSES_AT_ONCE: usize = 64;
 /// Recordings of which the sums fit into registers.
 const LANES: usize = 32;
