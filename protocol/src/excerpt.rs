@@ -19,3 +19,14 @@ pub fn excerpt(text: &str) -> Cow<'_, str> {
     let end = (0..=MAX_QUOTED).rev().find(|&end| text.is_char_boundary(end)).unwrap_or(0);
     Cow::Owned(format!("{}… ({} bytes)", &text[..end], text.len()))
 }
+
+/// Quotes a name from an input, with escapes in place of characters that a terminal would obey.
+///
+/// ```
+/// use geu_protocol::excerpt::excerpt_of_name;
+/// assert_eq!(excerpt_of_name(b"can0"), "can0");
+/// assert_eq!(excerpt_of_name(b"a\x1b[31m\xff"), "a\\u{1b}[31m\u{fffd}");
+/// ```
+pub fn excerpt_of_name(name: &[u8]) -> String {
+    excerpt(&String::from_utf8_lossy(name).escape_debug().to_string()).into_owned()
+}

@@ -9,7 +9,7 @@ use geu_protocol::can::{Assembler, AssemblerEvent, CanDefect, DefectBytes, Progr
 use geu_protocol::capture::{CaptureRecord, Format, Frame, RecordPosition, Timestamp};
 use geu_protocol::command::{COMMAND_LENGTHS, REPLY_LENGTHS};
 use geu_protocol::continuity::ClockCheck;
-use geu_protocol::excerpt::excerpt;
+use geu_protocol::excerpt::excerpt_of_name;
 use geu_protocol::{CanIdMap, Gyro};
 
 use self::bus::{Bus, InterfaceSelection};
@@ -186,8 +186,7 @@ impl Decoder {
         let mut next = InterfaceSelection::First;
         for (index, Bus { name, assembler, tally, is_proven }) in buses.iter_mut().enumerate() {
             let tally = std::mem::take(tally);
-            let (account, name) = (&mut flow.summary.account, String::from_utf8_lossy(name));
-            let name = excerpt(&name);
+            let (account, name) = (&mut flow.summary.account, excerpt_of_name(name));
             let is_before = matches!(choice, InterfaceSelection::Before(before) if *before == index);
             if choice.is(index) || is_before {
                 account.decoded += tally.decoded;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use geu_protocol::can::CanDefect;
 use geu_protocol::capture::Frame;
-use geu_protocol::excerpt::excerpt;
+use geu_protocol::excerpt::excerpt_of_name;
 use geu_protocol::layout::{Assembled, Assembly, FrameSet, Sequence};
 
 use super::Samples;
@@ -165,8 +165,7 @@ impl Can {
             let (frames, decoded) = (std::mem::take(&mut bus.frames), std::mem::take(&mut bus.decoded));
             bus.early.clear();
             bus.more.clear();
-            let name = String::from_utf8_lossy(&bus.name);
-            let (summary, name) = (&mut samples.flow.summary, excerpt(&name));
+            let (summary, name) = (&mut samples.flow.summary, excerpt_of_name(&bus.name));
             if self.chosen == Some(place) {
                 summary.account.decoded += decoded;
                 if frames > 0 {
