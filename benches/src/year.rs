@@ -114,7 +114,11 @@ impl Year<'_> {
         };
         // A kill can leave the last line without its end.
         let whole = &text[..text.rfind('\n').map_or(0, |end| end + 1)];
-        fs::write(&path, if whole.is_empty() { format!("{head}\n") } else { whole.to_owned() })?;
+        if whole.is_empty() {
+            fs::write(&path, format!("{head}\n"))?;
+        } else if whole.len() < text.len() {
+            OpenOptions::new().write(true).open(&path)?.set_len(whole.len() as u64)?;
+        }
         let mut lines = whole.lines().enumerate();
         if let Some((_, own)) = lines.next().filter(|(_, own)| *own != head) {
             return Err(format!("{}: expected {head}, got {own}; give another directory", path.display()).into());
