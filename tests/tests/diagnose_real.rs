@@ -117,6 +117,43 @@ fn slews_against_slow_references_yield_no_name() {
     }
 }
 
+/// A row of which the sensor had lost the attitude, and twenty that are missing.
+fn dropouts(row: usize, text: &str) -> Option<String> {
+    match row {
+        1000 | 2500..2520 => None,
+        1800 => Some(format!("{},1,0,0,0", text.split(',').next().unwrap_or_default())),
+        _ => Some(text.to_owned()),
+    }
+}
+
+/// From rows that are exact to those of which the noise exceeds the rounding of the counts.
+#[test]
+#[ignore = "minutes; .ci/run has it"]
+fn fast_quaternions_of_little_noise_with_dropouts_yield_no_name() {
+    let every = |steps: usize, sigma_arcsec: f64| ReferenceKind::Quaternions { steps, sigma_arcsec };
+    for (seed, reference) in
+        [(391, every(20, 0.0)), (392, every(20, 0.3)), (393, every(20, 0.7)), (394, every(40, 0.0))]
+    {
+        for motion in [MotionKind::Survey, MotionKind::QuietSurvey, MotionKind::RateTable] {
+            let model = IndependentModel { reference, motion, ..IndependentModel::new(seed, Vec::new()) };
+            let diagnosis = diagnosed(&model, dropouts);
+            assert_consistent(&diagnosis);
+            assert!(has_finding(&diagnosis, "reference-gap") && has_finding(&diagnosis, "reference-glitch"));
+        }
+    }
+}
+
+#[test]
+#[ignore = "minutes; .ci/run has it"]
+fn a_pivot_is_named_beside_exact_quaternions_with_dropouts() {
+    for (seed, gyro, steps) in [(395, Gyro::Y, 20), (396, Gyro::X, 20), (397, Gyro::X, 40)] {
+        let injected = PlantedEffect::new("pivot-clearance", &[gyro], &[("clearance_arcsec", 9.3)]);
+        let reference = ReferenceKind::Quaternions { steps, sigma_arcsec: 0.0 };
+        let model = IndependentModel { reference, ..IndependentModel::new(seed, vec![injected.clone()]) };
+        assert_named(&diagnosed(&model, dropouts), &injected);
+    }
+}
+
 /// Rates every 20 s lose the motion between: the recording differs from the model, but nothing is named.
 #[test]
 #[ignore = "minutes; .ci/run has it"]

@@ -11,9 +11,7 @@ use geu_recording::{Defect, ReceivedSample, ReferenceAttitude, Sink};
 use crate::cross_validation::{fitted, held_out, reduced_chi2};
 use crate::diagnosis_case::DiagnosisCase;
 use crate::entries::Entries;
-use crate::measured::{
-    MeasuredData, MeasuredError, ModelRun, ReferenceSigma, Series, Shifts, SmoothedReference, TIMING,
-};
+use crate::measured::{MeasuredData, MeasuredError, ModelRun, ReferenceSigma, Series, Shifts, TIMING};
 use crate::model_selection::{FEW_SAMPLES, SelectedModel, early_minimum_s};
 use crate::model_state::ModelState;
 use crate::motion_segments;
@@ -92,7 +90,7 @@ pub(crate) fn diagnose(
     }
     let measured = again.as_ref().unwrap_or(measured);
     findings.extend(solution.is_closed_loop().then(|| closed_loop(solution.correlation)));
-    findings.extend(measured.smoothed.as_deref().and_then(glitches));
+    findings.extend(glitches(&measured.glitches_s));
     findings.extend(measured.reference_sigma.as_ref().and_then(ReferenceSigma::finding));
     findings.extend(measured.accelerations.findings(&solution.case));
     findings.extend(measured.trial_drifts.findings(&solution.case));
@@ -343,15 +341,12 @@ fn zones(up_to_arcsec_per_s: f64) -> Option<Finding> {
 }
 
 /// The finding of rows of the reference that are left out.
-fn glitches(smoothed: &SmoothedReference) -> Option<Finding> {
-    let (first_s, last_s) = (smoothed.glitches_s.first()?, smoothed.glitches_s.last()?);
+fn glitches(glitches_s: &[f64]) -> Option<Finding> {
+    let (first_s, last_s) = (glitches_s.first()?, glitches_s.last()?);
     Some(Finding {
         kind: "reference-glitch".to_owned(),
         place: if first_s == last_s { format!("{first_s:.1} s") } else { format!("{first_s:.1} to {last_s:.1} s") },
-        text: format!(
-            "rows of the reference far from those beside them: {}; they are left out",
-            smoothed.glitches_s.len()
-        ),
+        text: format!("rows of the reference far from those beside them: {}; they are left out", glitches_s.len()),
     })
 }
 

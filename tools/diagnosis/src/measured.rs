@@ -4,10 +4,13 @@
 mod blocks;
 mod dequantised;
 mod error;
+mod filled_gaps;
 mod model;
 mod model_cache;
 mod planned;
+mod reference_motion;
 mod reference_sigma;
+mod relative_rows;
 mod series;
 mod smoothed_reference;
 mod smoothing;
@@ -31,9 +34,10 @@ use blocks::{begin_trials, covered_blocks, leave_out, leave_out_without_rows};
 use dequantised::{DequantisedAngles, dequantise};
 pub use error::{MAX_ROW_S, MeasuredError};
 pub use planned::PlannedMotion;
+use reference_motion::ReferenceMotion;
 pub use reference_sigma::ReferenceSigma;
 pub use series::{CHANNELS, ModelRun, Series, Shifts, TIMING};
-pub use smoothed_reference::SmoothedReference;
+use smoothed_reference::SmoothedReference;
 
 use geu_calibration::without_coning;
 use model_cache::ModelCache;
@@ -55,10 +59,12 @@ pub struct MeasuredData {
     pub counts: AccumulatedCounts,
     /// The motion; time 0 is that of node 0.
     pub reference: Arc<RecordedAttitude>,
-    /// The reference before smoothing, if it is noisy or slow.
+    /// Traces of the smoothing in a reference that is noisy or slow.
     pub smoothed: Option<Arc<SmoothedReference>>,
     /// The stated sigmas of its rows, if there are any.
     pub reference_sigma: Option<ReferenceSigma>,
+    /// Times of its rows that are left out, s.
+    pub glitches_s: Vec<f64>,
     /// Samples up to the end of the reference.
     pub samples: usize,
     /// Weights of the nodes of gyros of which the angles are dequantised, counts⁻².
@@ -111,13 +117,12 @@ impl MeasuredData {
         let readings = [&mut counts.electronics_c, &mut counts.sensor_c].into_iter();
         readings.for_each(|celsius| *celsius = between_readings(celsius));
         let start_s = (reference.start_ns - counts.start_ns) as f64 * 1e-9 + lag_s;
-        let (sigma_arcsec, reference_trials) = (&reference.sigma_arcsec, &reference.trials);
         // The model of the default unit turns about one axis in each interval, too.
         let is_turned = reference.is_attitude && counts.gyros.unit() != Gyros::ALL;
-        let reference = RecordedAttitude::clone(&reference.truth).starting_at(start_s);
+        let moved = RecordedAttitude::clone(&reference.truth).starting_at(start_s);
         // Only within the reference, not at its ends, is the interpolating spline accurate.
-        let is_covered = |node: usize| (start_s..=reference.end_s()).contains(&counts.node_s[node]);
-        let samples = counts.node_s.partition_point(|&node_s| node_s <= reference.end_s()).saturating_sub(1);
+        let is_covered = |node: usize| (start_s..=moved.end_s()).contains(&counts.node_s[node]);
+        let samples = counts.node_s.partition_point(|&node_s| node_s <= moved.end_s()).saturating_sub(1);
         let mut late = vec![f64::NAN; counts.node_s.len()];
         counts.received_late_s.iter().for_each(|&(node, late_s)| late[node] = late_s / TIMING_UNIT_S);
         let mut blocks = covered_blocks(&counts, samples, &late, is_covered);
@@ -129,18 +134,18 @@ impl MeasuredData {
         leave_out(&counts.breaks, &mut blocks);
         begin_trials(
             &counts,
-            reference_trials.iter().skip(1).map(|trial| start_s + trial.from_s).filter(|from_s| *from_s > 0.0),
+            reference.trials.iter().skip(1).map(|trial| start_s + trial.from_s).filter(|from_s| *from_s > 0.0),
             &mut blocks,
         );
         let good = good(&blocks);
-        let common_s = (counts.end_s().min(reference.end_s()) - start_s.max(0.0)).max(0.0);
+        let common_s = (counts.end_s().min(moved.end_s()) - start_s.max(0.0)).max(0.0);
         let [good_s, min_s] = [good, MIN_BLOCKS].map(|count| (count * BLOCK) as f64 * counts.interval_s);
         if covered < MIN_BLOCKS {
             return Err(MeasuredError::NoOverlap {
                 from_s: counts.start_s(),
                 to_s: counts.start_s() + counts.end_s(),
                 reference_from_s: counts.start_s() + start_s,
-                reference_to_s: counts.start_s() + reference.end_s(),
+                reference_to_s: counts.start_s() + moved.end_s(),
                 common_s,
                 min_s,
             });
@@ -148,19 +153,23 @@ impl MeasuredData {
         if good < MIN_BLOCKS {
             return Err(MeasuredError::Broken { good_s, common_s, min_s });
         }
-        let (reference_sigma, smoothed) = calibrated.map_or((None, None), |calibrated| {
-            let counts = added.map_or(Cow::Borrowed(&counts), |added| Cow::Owned(without(&counts, added)));
-            SmoothedReference::new(&counts, &reference, sigma_arcsec, calibrated, samples / BLOCK)
-        });
-        smoothed.iter().for_each(|smoothed| leave_out_without_rows(smoothed, &mut blocks));
-        let exact = || if is_turned { without_coning(reference) } else { reference };
-        let reference = Arc::new(smoothed.as_ref().map_or_else(exact, |smoothed| smoothed.motion.clone()));
+        let ReferenceMotion { motion, smoothed, has_rows, sigma, glitches_s } =
+            calibrated.map_or_else(ReferenceMotion::default, |calibrated| {
+                let counts = added.map_or(Cow::Borrowed(&counts), |added| Cow::Owned(without(&counts, added)));
+                ReferenceMotion::new(&counts, &moved, reference, calibrated, samples / BLOCK)
+            });
+        leave_out_without_rows(&has_rows, &mut blocks);
+        // A smoothed motion has no coning.
+        let is_turned = is_turned && smoothed.is_none();
+        let motion = motion.unwrap_or(moved);
+        let reference = Arc::new(if is_turned { without_coning(motion) } else { motion });
         Ok(MeasuredData {
             counts,
             reference,
             smoothed: smoothed.map(Arc::new),
             noise_scale: None,
-            reference_sigma,
+            reference_sigma: sigma,
+            glitches_s,
             samples,
             weights: Default::default(),
             blocks,
@@ -217,10 +226,8 @@ impl MeasuredData {
     pub fn residual(&self, model: &ModelRun) -> Series {
         std::array::from_fn(|channel| {
             let measured = self.measured(channel);
-            let departure = |number: usize| {
-                let of_block = self.smoothed.as_ref().and_then(|smoothed| smoothed.departure[number]);
-                of_block.map_or(0.0, |gyros| gyros[channel])
-            };
+            let departure =
+                |number: usize| self.smoothed.as_ref().map_or(0.0, |smoothed| smoothed.departure[number][channel]);
             let average = |(number, block): (usize, &Block)| {
                 let residual = |node: usize| measured[node] - model[channel][node];
                 match channel {

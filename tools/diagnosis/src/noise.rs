@@ -192,6 +192,7 @@ struct WhiteNuisances {
 impl WhiteNuisances {
     fn new(case: &DiagnosisCase, channel: usize, blocks: &[Block], nuisances: &[Nuisance], noise: &NoiseModel) -> Self {
         let whitening = Whitening::new(noise, blocks, &case.rounding[channel], case.measured.block_s());
+        let places = || (0..nuisances.len()).filter(|&place| nuisances[place][channel].is_some());
         let own: Vec<&[f64]> = nuisances.iter().filter_map(|column| column[channel].as_deref()).collect();
         let columns = whitening.apply_all(&own);
         let mut gram = DMatrix::zeros(columns.len(), columns.len());
@@ -200,6 +201,11 @@ impl WhiteNuisances {
         }
         gram.fill_upper_triangle_with_lower_triangle();
         let scale = inverse_roots(&gram.diagonal());
+        // About the values of the state: what the motion does not determine would explain the noise.
+        let a_priori = case.a_priori(&[]);
+        for (own, place) in places().enumerate() {
+            gram[(own, own)] += a_priori.get(place).map_or(0.0, |(_, sigma)| sigma.powi(-2));
+        }
         let factor = factored(&gram, &scale, RIDGE);
         let determined = (0..columns.len()).filter(|&index| scale[index] > 0.0);
         let logs = determined.map(|index| 2.0 * (factor.l_dirty()[(index, index)] / scale[index]).ln());

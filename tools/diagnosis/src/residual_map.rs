@@ -14,6 +14,7 @@ use crate::measured::{BLOCK, CHANNELS, MeasuredData, ModelRun, TIMING};
 use crate::motion_segments::MotionSegment;
 use crate::normal_equations::NormalEquations;
 use crate::signature_bank::Column;
+use crate::small_motions::{blocks_of_axes, small_arcsec};
 use crate::whitening::NoiseModel;
 
 /// Minimum share of a variable's square in a segment, relative to the segment's share of the recording.
@@ -101,7 +102,14 @@ pub fn residual_maps<const MODELS: usize>(
     models: [&ModelRun; MODELS],
     segments: &[MotionSegment],
 ) -> [ResidualMap; MODELS] {
-    let variables = variables(case.measured);
+    let measured = case.measured;
+    // A smoothed motion contains the noise of the gyros.
+    let evidence = measured.smoothed.as_ref().zip(models.first()).map(|(_, path)| {
+        let small_arcsec = small_arcsec(measured, &case.nominal.device, noise);
+        let largest = small_arcsec.iter().take(measured.gyros().heads()).copied().fold(0.0, f64::max);
+        blocks_of_axes(measured, path, largest)
+    });
+    let variables = variables(measured, evidence);
     // Without the lag, the last nuisance parameter: it is common to all gyros and would spread the residual of one to the others.
     let nuisances = &case.nuisances[..case.nuisances.len().saturating_sub(1)];
     models.map(|model| {
@@ -149,8 +157,12 @@ fn in_segments(left: &[f64], white: &[f64], segments: &[MotionSegment], block_s:
     segments.iter().map(significance).collect()
 }
 
-/// The integral of each variable over time, averaged over blocks.
-fn variables(measured: &MeasuredData) -> [Column; COUNT] {
+/// The integral of each variable over time, averaged over blocks, with the motion about each axis in the blocks of `evidence` alone, if given.
+fn variables(measured: &MeasuredData, evidence: Option<[Vec<bool>; 3]>) -> [Column; COUNT] {
+    let moves = |axis: usize, node: usize| evidence.as_ref().is_none_or(|blocks| blocks[axis][(node - 1) / BLOCK]);
+    let about_axes = |node: usize, value: &dyn Fn(usize) -> f64| -> [f64; 3] {
+        std::array::from_fn(|axis| if moves(axis, node) { value(axis) } else { 0.0 })
+    };
     let mut columns: [Column; COUNT] =
         std::array::from_fn(|_| Column { from: 0, values: Vec::with_capacity(measured.block_count()) });
     let interval_s = measured.interval_s();
@@ -162,8 +174,8 @@ fn variables(measured: &MeasuredData) -> [Column; COUNT] {
         let [rate_before, rate_after] = [before, motion].map(|motion| motion.rate_control_arcsec_s);
         let last = |celsius: &[f64]| celsius.get(node).or(celsius.last()).copied();
         let now = Inputs {
-            rate: std::array::from_fn(|axis| (angle[axis] - angle_before[axis]) / interval_s),
-            acceleration: std::array::from_fn(|axis| (rate_after[axis] - rate_before[axis]) / interval_s),
+            rate: about_axes(node, &|axis| (angle[axis] - angle_before[axis]) / interval_s),
+            acceleration: about_axes(node, &|axis| (rate_after[axis] - rate_before[axis]) / interval_s),
             electronics_c: last(&measured.counts.electronics_c).unwrap_or(0.0),
             // Zero if unavailable; the calibration parameters project out a constant.
             sensor_k: last(&measured.counts.sensor_c).map_or(0.0, |sensor_c| sensor_c - SENSOR_NOMINAL_C),

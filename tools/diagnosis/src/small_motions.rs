@@ -45,7 +45,7 @@ impl SignatureBank {
         });
         let is_described = self.gyros().unit() != Gyros::ALL;
         let largest = small_arcsec.iter().take(self.gyros().heads()).copied().fold(0.0, f64::max);
-        let about_axes = self.blocks_of_axes(measured, path, largest);
+        let about_axes = blocks_of_axes(measured, path, largest);
         for base in &mut self.bases {
             let formula = base.amplitude.formula();
             let projection = MISALIGNMENTS.iter().position(|name| *name == base.amplitude.number().name);
@@ -72,21 +72,6 @@ impl SignatureBank {
             base.products = Default::default();
         }
         self
-    }
-
-    /// Blocks in which the unit turns about each control axis by more than this.
-    fn blocks_of_axes(&self, measured: &MeasuredData, path: &ModelRun, small_arcsec: f64) -> [Vec<bool>; 3] {
-        let mut near = 0;
-        let mut angles: [Vec<f64>; 3] = std::array::from_fn(|_| Vec::with_capacity(measured.samples + 1));
-        for node in 0..=measured.samples {
-            let (angle, _) = measured.reference.at(node as f64 * measured.interval_s(), &mut near);
-            angles.iter_mut().zip(angle).for_each(|(own, angle)| own.push(angle));
-        }
-        std::array::from_fn(|axis| {
-            // The first three gyros of the default unit sense the control axes.
-            let own = if self.gyros() == Gyros::ALL { &path[axis] } else { &angles[axis] };
-            (0..self.block_count()).map(|block| turned(&own[nodes(block)]) >= small_arcsec).collect()
-        })
     }
 
     /// The signatures without dead zones up to a rate, and with time courses of others that switch them only: other courses pass through
@@ -118,6 +103,21 @@ impl SignatureBank {
         let is_searched = hypothesis.amplitude.kind.is_none_or(is_switch) && hypothesis.value > arcsec_per_s;
         is_searched || !self.bases.iter().any(is_zone)
     }
+}
+
+/// Blocks in which the unit turns about each control axis by more than this.
+pub fn blocks_of_axes(measured: &MeasuredData, path: &ModelRun, small_arcsec: f64) -> [Vec<bool>; 3] {
+    let mut near = 0;
+    let mut angles: [Vec<f64>; 3] = std::array::from_fn(|_| Vec::with_capacity(measured.samples + 1));
+    for node in 0..=measured.samples {
+        let (angle, _) = measured.reference.at(node as f64 * measured.interval_s(), &mut near);
+        angles.iter_mut().zip(angle).for_each(|(own, angle)| own.push(angle));
+    }
+    std::array::from_fn(|axis| {
+        // The first three gyros of the default unit sense the control axes.
+        let own = if measured.gyros().unit() == Gyros::ALL { &path[axis] } else { &angles[axis] };
+        (0..measured.block_count()).map(|block| turned(&own[nodes(block)]) >= small_arcsec).collect()
+    })
 }
 
 /// Difference of the largest and the smallest of accumulated counts.

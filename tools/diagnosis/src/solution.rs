@@ -36,7 +36,7 @@ const EVIDENT_CHI2: f64 = 100.0;
 const PAIR_ROUNDS: usize = 3;
 /// Version of the search beside the model's lists. It changes with grids, families and null recordings, so that stored thresholds never
 /// apply to another search.
-const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 38");
+const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 39");
 
 /// Options of a diagnosis.
 pub struct DiagnosisOptions<'a> {
@@ -103,8 +103,8 @@ impl<'a> Solution<'a> {
         let is_loop = correlation(&path) > CLOSED_LOOP;
         let whole = signatures(&case);
         case.linear = LinearSignatures::new(whole.linear());
-        // The reference of a described unit may be as noisy as its gyros, and its motion may be taken from them.
-        let contains_noise = !has_counts || is_loop || !nominal.device.is_iras();
+        // The reference of a described unit may be as noisy as its gyros, and a smoothed motion is taken from them.
+        let contains_noise = !has_counts || is_loop || !nominal.device.is_iras() || measured.smoothed.is_some();
         let small_arcsec = small_arcsec(measured, &nominal.device, &noise);
         let evident = |bank: SignatureBank| match contains_noise {
             true => bank.without_small_motions(measured, &path, &small_arcsec),

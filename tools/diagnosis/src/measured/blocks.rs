@@ -2,7 +2,6 @@
 
 use geu_calibration::{AccumulatedCounts, BreakKind, Discontinuity};
 
-use super::smoothed_reference::SmoothedReference;
 use super::{CHANNELS, TIMING};
 
 /// Nodes averaged into one block, of the default unit 5 s. Rounding and the limit cycle average out; a missing effect changes an angle over
@@ -31,10 +30,10 @@ pub fn nodes(block: usize) -> std::ops::Range<usize> {
     1 + block * BLOCK..1 + (block + 1) * BLOCK
 }
 
-/// Leaves blocks without a row of the reference out of the comparison.
-pub fn leave_out_without_rows(smoothed: &SmoothedReference, blocks: &mut [Vec<Block>; CHANNELS]) {
+/// Leaves blocks without a row of the reference out of the comparison; empty, each has one.
+pub fn leave_out_without_rows(has_rows: &[bool], blocks: &mut [Vec<Block>; CHANNELS]) {
     for channel in &mut blocks[..TIMING] {
-        channel.iter_mut().zip(&smoothed.departure).for_each(|(block, own)| block.is_compared &= own.is_some());
+        channel.iter_mut().zip(has_rows).for_each(|(block, has_row)| block.is_compared &= has_row);
     }
 }
 

@@ -60,6 +60,7 @@ impl MeasuredData {
             smoothed: None,
             noise_scale: None,
             reference_sigma: None,
+            glitches_s: Vec::new(),
             samples,
             weights: Default::default(),
             blocks: std::array::from_fn(of_channel),
