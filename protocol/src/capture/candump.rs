@@ -48,7 +48,7 @@ impl LineFormat for Candump {
         } else if let Some(rest) = content.strip_prefix(b"#") {
             (hex_digit(*rest.first()?) < 16).then_some(CaptureRecord::Fd)
         } else if content.get(2) == Some(&b':') {
-            Some(CaptureRecord::Fd)
+            is_xl(content).then_some(CaptureRecord::Fd)
         } else if let Some(length) = content.strip_prefix(b"R") {
             let is_length = length.is_empty() || (length.len() <= 3 && hex_digit(length[0]) <= 8);
             is_length.then_some(CaptureRecord::Remote)
@@ -204,6 +204,16 @@ pub(super) fn identifier(text: &[u8]) -> Option<(u32, bool)> {
         8 => Some((id, true)),
         _ => None,
     }
+}
+
+/// True for what follows the priority of a CAN XL frame: flags, type and acceptance field, in newer logs the virtual network before them, and
+/// data.
+fn is_xl(content: &[u8]) -> bool {
+    let hash = memchr::memchr(b'#', content).unwrap_or(content.len());
+    let is_hex = |text: &[u8]| text.iter().all(|digit| hex_digit(*digit) < 16);
+    let (head, data) = (&content[..hash], content.get(hash + 1..));
+    let digits = || head.split(|byte| *byte == b':').map(|field| if is_hex(field) { field.len() } else { 0 });
+    data.is_some_and(|data| data.len() % 2 == 0 && is_hex(data)) && (digits().eq([2, 2, 8]) || digits().eq([2, 2, 2, 8]))
 }
 
 /// Data of a classic frame: up to eight bytes, points between them allowed, a raw length code `_9`…`_F` behind them.
