@@ -15,8 +15,9 @@ use geu_report::calibration::{CalibrationPage, comparison_table, terminal_table}
 
 use crate::calibrate_compare;
 use crate::command_error::{CommandError, note, say};
+use crate::evaluation_args::EvaluationArgs;
 use crate::outputs::{OutputFile, write_all};
-use crate::settings::{ConfigArgs, EvaluationArgs, NamedConfigArgs, number};
+use crate::settings::{ConfigArgs, NamedConfigArgs, number};
 use crate::update::{self, Update};
 
 /// Solves the in-orbit calibration parameters from a recording and an attitude; or, between checkouts, updates the Z gyros.
@@ -126,6 +127,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let input = AttitudeInput::read(arguments, &configuration)?;
     let start_ns = arguments.evaluation.start_ns(input.start_ns());
     let counts = read_counts(&arguments.link, arguments.evaluation.options()?, start_ns)?;
+    arguments.evaluation.note_start(&arguments.link, counts.is_received);
     input.check_time_system(&counts)?;
     let attitude = match &input {
         AttitudeInput::Reference(reference) => AttitudeSource::Reference(reference, arguments.reference_sigma),
@@ -166,9 +168,7 @@ fn run_described(
             "expected --reference FILE for {name}, got sensors of the default unit"
         )));
     };
-    let start_ns = arguments.evaluation.start_ns(input.start_ns());
-    let recording =
-        read_device(&arguments.link, arguments.evaluation.options()?, &configuration.device, reference, start_ns)?;
+    let recording = read_device(&arguments.link, &arguments.evaluation, &configuration.device, reference)?;
     input.check_time_system(&recording.counts)?;
     let DeviceRecording { counts, defects, outliers, left_out, .. } = recording;
     let link = arguments.link.join(" ");
@@ -287,11 +287,11 @@ pub fn read_recordings(names: &[String], options: DecoderOptions, sink: &mut imp
 /// An input cannot be read, or contains no sample.
 pub fn read_device(
     names: &[String],
-    options: DecoderOptions,
+    evaluation: &EvaluationArgs,
     device: &Device,
     reference: &ReferenceAttitude,
-    start_ns: i64,
 ) -> Result<DeviceRecording, CommandError> {
+    let (options, start_ns) = (evaluation.options()?, evaluation.start_ns(reference.start_ns));
     let mut counts = DeviceCountsReader::new(device, reference);
     let mut reader = InputReader::with(DeviceDecoder::new(device, &options), options, Stop::default());
     for name in names {
@@ -322,7 +322,9 @@ pub fn read_device(
         _ => format!("rows of the trials of the reference, {}, at their times", trials.join(", ")),
     };
     let none = || CommandError::input(format!("{}: expected {expected}, got none", names.join(" ")));
-    counts.finish(start_ns).ok_or_else(none)
+    let recording = counts.finish(start_ns).ok_or_else(none)?;
+    evaluation.note_start(names, recording.is_timed);
+    Ok(recording)
 }
 
 /// Reads recordings as one stream of counts.

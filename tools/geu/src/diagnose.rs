@@ -16,8 +16,9 @@ use indicatif::ProgressBar;
 use crate::calibrate::{read_device, read_recordings};
 use crate::command_error::{CommandError, note, say};
 use crate::diagnose_magnitudes;
+use crate::evaluation_args::EvaluationArgs;
 use crate::outputs::OutputFile;
-use crate::settings::{ConfigArgs, EvaluationArgs, NamedConfigArgs};
+use crate::settings::{ConfigArgs, NamedConfigArgs};
 
 /// Defects of a recording that are listed; further ones are counted.
 pub const MAX_DEFECTS: usize = 100_000;
@@ -92,16 +93,11 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let diagnosis = match nominal.device.is_iras() {
         true => {
             let recording = DecodedRecording::read(&arguments.link, arguments.evaluation.options()?)?;
+            arguments.evaluation.note_start(&arguments.link, recording.rows.iter().any(|row| row.is_received));
             diagnose_rows(&recording.rows, &recording.defects(), &nominal, &reference, &options)
         }
         false => {
-            let recording = read_device(
-                &arguments.link,
-                arguments.evaluation.options()?,
-                &nominal.device,
-                &reference,
-                options.clock_start_ns,
-            )?;
+            let recording = read_device(&arguments.link, &arguments.evaluation, &nominal.device, &reference)?;
             diagnose_device(recording, &nominal, &reference, &options)
         }
     };

@@ -34,6 +34,7 @@ mod describe;
 mod device;
 mod diagnose;
 mod diagnose_magnitudes;
+mod evaluation_args;
 mod expectations;
 mod faults;
 mod inject;

@@ -5,7 +5,6 @@ use std::sync::Arc;
 
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use geu_calibration::window::{self, ManoeuvreWindow};
 use geu_daemon::truth::{ExternalTruth, TruthAddress};
 use geu_model::configuration::{LinkLogFormat, unix_ns};
 use geu_model::device::Device;
@@ -14,13 +13,11 @@ use geu_model::units::duration_s;
 use geu_model::{Configuration, GyroUnit, Truth};
 use geu_protocol::CanIdMap;
 use geu_recorder::{self as recorder, received};
-use geu_recording::{DecoderOptions, REFERENCE, ReferenceAttitude, TableError, open_rows};
+use geu_recording::{REFERENCE, ReferenceAttitude, TableError, open_rows};
 use geu_report::Provenance;
 
 use crate::command_error::CommandError;
 use crate::device::unit;
-use crate::outputs::OutputFile;
-use crate::time_range::RangeArgs;
 
 /// Configuration and overrides.
 #[derive(Args, Debug, Clone, Default)]
@@ -102,58 +99,6 @@ pub fn read_text(path: &Path, expected: &str) -> Result<String, CommandError> {
     geu_recording::read_text(path).map_err(|error| {
         CommandError::input(format!("{}: cannot be read: {error}; expected {expected}", path.display()))
     })
-}
-
-/// Options of commands that evaluate a recording.
-#[derive(Args, Debug)]
-pub struct EvaluationArgs {
-    /// Manoeuvres, CSV with the columns manoeuvre,start_s,end_s [default: cut where the motion changes]
-    #[arg(long, value_name = "FILE")]
-    pub manoeuvres: Option<String>,
-    /// Time at which the unit's clock was 0, for recordings without receive times [default: start of the attitude data]
-    #[arg(long, value_name = "UNIX_SECONDS", allow_negative_numbers = true, value_parser = start)]
-    pub start: Option<f64>,
-    /// Base of the CAN identifiers, hexadecimal
-    #[arg(long, value_name = "ID", value_parser = can_base)]
-    pub base: Option<CanIdMap>,
-    /// Write the result as JSON
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<OutputFile>,
-    /// Write the result as a page with plots, which needs no other file
-    #[arg(long, value_name = "FILE")]
-    pub html: Option<OutputFile>,
-    #[command(flatten)]
-    pub range: RangeArgs,
-}
-
-impl EvaluationArgs {
-    /// Options of the decoder.
-    ///
-    /// # Errors
-    /// A range of times that is none.
-    pub fn options(&self) -> Result<DecoderOptions, CommandError> {
-        let (plan, range) = (self.base.unwrap_or_default(), self.range.range()?);
-        Ok(DecoderOptions { plan, range, ..DecoderOptions::default() })
-    }
-
-    /// Reads the manoeuvres.
-    ///
-    /// # Errors
-    /// The file cannot be read or is not valid.
-    pub fn windows(&self) -> Result<Option<Vec<ManoeuvreWindow>>, CommandError> {
-        self.manoeuvres.as_deref().map(window::read).transpose().map_err(CommandError::input)
-    }
-
-    pub fn start_ns(&self, default_ns: i64) -> i64 {
-        self.start.map_or(default_ns, unix_ns)
-    }
-
-    /// Inputs beside the configuration, with their kinds.
-    pub fn inputs(&self, links: &[String], others: &[(&'static str, &Option<String>)]) -> Vec<(&'static str, String)> {
-        let links = links.iter().map(|name| ("recording", name.clone()));
-        let others = [("manoeuvres", &self.manoeuvres)].into_iter().chain(others.iter().copied());
-        links.chain(others.filter_map(|(kind, name)| Some((kind, name.clone()?)))).collect()
-    }
 }
 
 /// Arguments of a run beside its configuration.

@@ -49,6 +49,8 @@ pub struct ConstantRun {
 pub struct DeviceRecording {
     /// Angles, arcsec.
     pub counts: AccumulatedCounts,
+    /// True with receive times, or times of a table.
+    pub is_timed: bool,
     pub constant: Vec<ConstantRun>,
     /// Smallest and largest sample of each gyro after each node, arcsec.
     pub extremes: Vec<Vec<[f64; 2]>>,
@@ -284,14 +286,13 @@ impl DeviceCountsReader {
         self.trials.missing()
     }
 
-    /// The recording; `None` without a sample. `clock_start_ns` is the start of a recording without receive times.
+    /// The recording; `None` without a sample. `clock_start_ns` is the start of sample 0 of a recording without receive times.
     pub fn finish(mut self, clock_start_ns: i64) -> Option<DeviceRecording> {
-        let (start_ns, _) = self.heads.first?;
+        let start_ns = self.heads.start_ns(clock_start_ns)?;
         for gyro in 0..self.since.len() {
             self.examine(gyro, f64::NAN);
         }
         let interval_s = self.heads.interval_s * self.per_node as f64;
-        let start_ns = if self.heads.is_table { start_ns? } else { clock_start_ns };
         let mut counts = self.nodes.finish_at(interval_s, start_ns)?;
         let Extras { constant, outliers, samples, missing, mut interpolated, defects, left_out } = self.recording;
         let is_interpolated = |found: &Discontinuity| matches!(found.kind, BreakKind::Interpolated(_));
@@ -310,6 +311,7 @@ impl DeviceCountsReader {
         let cut = |own: Recent| own.extremes.into_iter().take(nodes).collect();
         let extremes = self.recent.into_iter().map(cut).collect();
         Some(DeviceRecording {
+            is_timed: self.heads.is_table || counts.is_received,
             counts,
             constant,
             extremes,

@@ -28,7 +28,7 @@ pub struct HeadReader {
     pub is_table: bool,
     pub interval_s: f64,
     /// Start of the first sample interval, ns, and number of the first sample.
-    pub(super) first: Option<(Option<i64>, u64)>,
+    first: Option<(Option<i64>, u64)>,
     /// End of the last sample, in nominal samples since that start.
     pub end: f64,
     group: String,
@@ -88,6 +88,13 @@ impl HeadReader {
             row.group.clone_into(&mut self.group);
         }
         row.group != self.group
+    }
+
+    /// Start of the first sample: that of the table, else by its number after `zero_ns`; `None` without a sample.
+    pub fn start_ns(&self, zero_ns: i64) -> Option<i64> {
+        let (start_ns, number) = self.first?;
+        let before_ns = (number as f64 * self.interval_s * 1e9).round() as i64;
+        if self.is_table { start_ns } else { Some(zero_ns.saturating_add(before_ns)) }
     }
 
     /// Start and end of a row, in nominal samples since the start of the first; `None` for a repeated row.
