@@ -21,8 +21,9 @@ use super::turns::recorded;
 
 /// Spacing of rows up to which exact ones show the motion between them, in intervals of the nodes.
 const MAX_SPACING: f64 = 1.2;
-/// Sigma of a row's angle, in counts, below which fast rows are exact: what is left of the rounding in the motion by the gyros shows 0.09.
-const EXACT_COUNTS: f64 = 0.15;
+/// Sigmas of a row's angle, in counts, below which fast rows are exact: about the axis with the smallest, where rounding shows 0.09, and about
+/// the one with the largest, where small motions that a gyro does not sense show as much as noise.
+const EXACT_COUNTS: [f64; 2] = [0.15, 0.6];
 /// A row farther from those beside it, in sigmas, is a glitch, if it is as far as several roundings.
 pub const GLITCH_SIGMAS: f64 = 8.0;
 pub const GLITCH_ARCSEC: f64 = 4.8;
@@ -63,12 +64,15 @@ impl ReferenceMotion {
         let rows = rows(counts, &gyros, moved, sigma_arcsec).filter(|rows| rows.len() > 2 * REACH_ROWS);
         let Some(mut rows) = rows else { return ReferenceMotion::default() };
         let scale = Vector3::from_fn(|axis, _| second_difference_sigma(&rows, axis));
-        let largest = rows.iter().map(|row| scale.component_mul(&row.sigma).max()).fold(0.0, f64::max);
+        let largest = rows.iter().fold(Vector3::zeros(), |largest, row| largest.sup(&row.sigma)).component_mul(&scale);
         let sigma = (!sigma_arcsec.is_empty()).then(|| ReferenceSigma::new(sigma_arcsec, scale));
         let spacing_s = median(&mut rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect::<Vec<_>>());
         let block_s = BLOCK as f64 * counts.interval_s;
-        let count = counts.rounded_to.iter().copied().fold(0.0, f64::max);
-        let is_quiet = if is_coarse { largest < EXACT_COUNTS * count } else { !is_white(&rows, block_s / spacing_s) };
+        let [one, all] = EXACT_COUNTS.map(|counted| counted * counts.rounded_to.iter().copied().fold(0.0, f64::max));
+        let is_quiet = match is_coarse {
+            true => largest.min() < one && largest.max() < all,
+            false => !is_white(&rows, block_s / spacing_s),
+        };
         let is_exact = is_quiet && spacing_s <= MAX_SPACING * counts.interval_s;
         let lone = if is_exact && reference.is_attitude { lone_rows(&rows, scale) } else { Vec::new() };
         lone.into_iter().for_each(|row| rows[row].is_used = false);
