@@ -209,13 +209,7 @@ fn report_results(
     if let Some(comparison) = &comparison {
         say!("\n{}", comparison_table(earlier, comparison))?;
     }
-    if is_explained(calibrated) {
-        return Ok(());
-    }
-    let why = format!(
-        "the calibration parameters do not explain these data: probability {:.1e}, expected {MIN_PROBABILITY} or more",
-        calibrated.solution.probability()
-    );
+    let Some(why) = doubt(calibrated) else { return Ok(()) };
     match &arguments.out {
         Some(file) if !arguments.anyway => {
             return Err(CommandError::failed(format!("{why}; {file} is not written without --anyway")));
@@ -226,8 +220,18 @@ fn report_results(
     Ok(())
 }
 
-fn is_explained(calibrated: &Calibrated) -> bool {
-    calibrated.solution.probability() >= MIN_PROBABILITY
+/// Why a calibration is not written without `--anyway`.
+fn doubt(Calibrated { solution, .. }: &Calibrated) -> Option<String> {
+    let probability = solution.probability();
+    if solution.determined().is_empty() {
+        return Some(
+            "these data determine no calibration parameter; expected a longer recording with turns about each axis"
+                .to_owned(),
+        );
+    }
+    (probability < MIN_PROBABILITY).then(|| {
+        format!("the calibration parameters do not explain these data: probability {probability:.1e}, expected {MIN_PROBABILITY} or more")
+    })
 }
 
 /// Writes the files of the results.
@@ -246,7 +250,7 @@ fn write_results(
         }
         outputs.push((file, format!("{json:#}\n")));
     }
-    if let Some(file) = arguments.out.as_ref().filter(|_| is_explained(calibrated) || arguments.anyway) {
+    if let Some(file) = arguments.out.as_ref().filter(|_| doubt(calibrated).is_none() || arguments.anyway) {
         let merged = comparison.filter(|comparison| comparison.is_compatible());
         let solution = merged.map_or(&calibrated.solution, |comparison| &comparison.combined);
         outputs.push((file, settings.edited(report::overrides(solution.determined(), &solution.calibrations))?));
