@@ -30,7 +30,7 @@ pub enum AttitudeRowsError {
     #[error("expected at least 3 rows after the first, got {0}")]
     TooFew(usize),
     /// Time that does not rise.
-    #[error("expected time to rise, got {t_s} s after {before_s} s")]
+    #[error("expected time to rise, got {t_s} s after {before_s} s since the first row")]
     NotRising {
         index: usize,
         t_s: f64,
@@ -38,7 +38,9 @@ pub enum AttitudeRowsError {
         before_s: f64,
     },
     /// A hole in which the motion is not known.
-    #[error("expected rows every {spacing_s} s or so, got a gap of {gap_s} s before {t_s} s; cut the file there")]
+    #[error(
+        "expected rows every {spacing_s} s or so, got a gap of {gap_s} s before {t_s} s since the first row; cut the file there"
+    )]
     Gap {
         /// Index of the row after it.
         index: usize,

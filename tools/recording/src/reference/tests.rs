@@ -160,7 +160,7 @@ fn known_turns_rest_and_gaps_are_as_stated() {
     let refused = parse(&header.replace("sigma", "note")).expect_err("gaps").to_string();
     assert_eq!(
         refused,
-        "f.csv: line 5: expected rows every 5 s or so, got a gap of 2 s before 12 s; cut the file there"
+        "f.csv: line 5: expected rows every 5 s or so, got a gap of 2 s before 12 s since the first row; cut the file there"
     );
 }
 
