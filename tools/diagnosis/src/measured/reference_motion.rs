@@ -84,8 +84,7 @@ impl ReferenceMotion {
         if !is_exact {
             smooth(&mut rows, scale, block_s, is_coarse);
         }
-        let has_row = |block: usize| of_block(&rows, &counts.node_s, block).next().is_some();
-        let has_rows = (0..blocks).map(has_row).collect();
+        let has_rows = (0..blocks).map(|block| of_block(&rows, &counts.node_s, block).next().is_some()).collect();
         let glitches_s = rows.iter().filter(|row| !row.is_used).map(|row| row.t_s).collect();
         let gaps = ReferenceMotion { has_rows, glitches_s, ..fits };
         if is_exact {
