@@ -41,14 +41,15 @@ impl LineFormat for Candump {
         }
         let hash = memchr::memchr(b'#', frame)?;
         let (id_text, content) = (&frame[..hash], &frame[hash + 1..]);
+        if content.get(2) == Some(&b':') {
+            return is_xl(id_text, content).then_some(CaptureRecord::Fd);
+        }
         let (id, extended) = identifier(id_text)?;
         if id & ERROR_FLAG != 0 && extended {
             hex_bytes(content, &mut self.data)?;
             Some(CaptureRecord::Error)
         } else if let Some(rest) = content.strip_prefix(b"#") {
             (hex_digit(*rest.first()?) < 16).then_some(CaptureRecord::Fd)
-        } else if content.get(2) == Some(&b':') {
-            is_xl(content).then_some(CaptureRecord::Fd)
         } else if let Some(length) = content.strip_prefix(b"R") {
             let is_length = length.is_empty() || (length.len() <= 3 && hex_digit(length[0]) <= 8);
             is_length.then_some(CaptureRecord::Remote)
@@ -206,14 +207,14 @@ pub(super) fn identifier(text: &[u8]) -> Option<(u32, bool)> {
     }
 }
 
-/// True for what follows the priority of a CAN XL frame: flags, type and acceptance field, in newer logs the virtual network before them, and
-/// data.
-fn is_xl(content: &[u8]) -> bool {
-    let hash = memchr::memchr(b'#', content).unwrap_or(content.len());
+/// True for a CAN XL frame: its priority, which two digits of a virtual network may precede, and flags, type, acceptance field and data.
+fn is_xl(priority: &[u8], content: &[u8]) -> bool {
     let is_hex = |text: &[u8]| text.iter().all(|digit| hex_digit(*digit) < 16);
-    let (head, data) = (&content[..hash], content.get(hash + 1..));
-    let digits = || head.split(|byte| *byte == b':').map(|field| if is_hex(field) { field.len() } else { 0 });
-    data.is_some_and(|data| data.len() % 2 == 0 && is_hex(data)) && (digits().eq([2, 2, 8]) || digits().eq([2, 2, 2, 8]))
+    let Some(hash) = memchr::memchr(b'#', content) else { return false };
+    let digits = content[..hash].split(|byte| *byte == b':').map(|field| if is_hex(field) { field.len() } else { 0 });
+    let data = &content[hash + 1..];
+    let is_data = !data.is_empty() && data.len().is_multiple_of(2) && is_hex(data);
+    matches!(priority.len(), 3 | 5) && is_hex(priority) && digits.eq([2, 2, 8]) && is_data
 }
 
 /// Data of a classic frame: up to eight bytes, points between them allowed, a raw length code `_9`…`_F` behind them.

@@ -201,7 +201,7 @@ impl WhiteNuisances {
         }
         gram.fill_upper_triangle_with_lower_triangle();
         let scale = inverse_roots(&gram.diagonal());
-        // About the values of the state: what the motion does not determine would explain the noise.
+        // Centred on the state's own values. Without it, parameters that the motion does not determine would explain a walk.
         let a_priori = case.a_priori(&[]);
         for (own, place) in places().enumerate() {
             gram[(own, own)] += a_priori.get(place).map_or(0.0, |(_, sigma)| sigma.powi(-2));

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use crate::diagnosis_case::DiagnosisCase;
 use crate::measured::{BLOCK, CHANNELS, MeasuredData, ModelRun, TIMING};
 use crate::motion_segments::MotionSegment;
-use crate::normal_equations::NormalEquations;
+use crate::normal_equations::{NormalEquations, Nuisance};
 use crate::signature_bank::Column;
 use crate::small_motions::{blocks_of_axes, small_arcsec};
 use crate::whitening::NoiseModel;
@@ -111,14 +111,18 @@ pub fn residual_maps<const MODELS: usize>(
     });
     let variables = variables(measured, evidence);
     // Without the lag, the last nuisance parameter: it is common to all gyros and would spread the residual of one to the others.
-    let nuisances = &case.nuisances[..case.nuisances.len().saturating_sub(1)];
+    let mut nuisances = case.nuisances[..case.nuisances.len().saturating_sub(1)].to_vec();
+    if measured.smoothed.is_some() {
+        // Else the difference of a calibration parameter and its variable would be the small motions.
+        let heads = 0..measured.gyros().heads();
+        let on_gyro = |gyro: usize, own: &Column| -> Nuisance {
+            std::array::from_fn(|channel| (channel == gyro).then(|| own.values.clone()))
+        };
+        nuisances.extend(heads.flat_map(|gyro| variables[1..CALIBRATED].iter().map(move |own| on_gyro(gyro, own))));
+    }
     models.map(|model| {
-        let normal = NormalEquations::new(
-            case.whitenings(noise),
-            &case.measured.residual(model),
-            nuisances,
-            &case.a_priori(&[]),
-        );
+        let residual = case.measured.residual(model);
+        let normal = NormalEquations::new(case.whitenings(noise), &residual, &nuisances, &case.a_priori(&[]));
         let left = normal.projected_residual();
         let on_gyro = |gyro: usize| -> Vec<(Option<f64>, Vec<Option<f64>>)> {
             let significance = |column: &Column| {

@@ -105,7 +105,7 @@ impl SignatureBank {
     }
 }
 
-/// Blocks in which the unit turns about each control axis by more than this.
+/// Blocks in which the unit turns about each control axis by this or more.
 pub fn blocks_of_axes(measured: &MeasuredData, path: &ModelRun, small_arcsec: f64) -> [Vec<bool>; 3] {
     let mut near = 0;
     let mut angles: [Vec<f64>; 3] = std::array::from_fn(|_| Vec::with_capacity(measured.samples + 1));

@@ -1,33 +1,72 @@
 //! Gaps between exact rows of a reference, filled with the motion of the gyros.
 //!
-//! The rows stay as they are. In a gap the attitude relative to that by the gyros is linear from the row before to the row after.
+//! The rows stay as they are, but for wrong ones. In a gap the attitude relative to that by the gyros changes evenly from the row before to the row after.
 
 use geu_calibration::AccumulatedCounts;
-use geu_model::attitude::{AttitudeRow, GAP_SPACINGS, RecordedAttitude};
+use geu_model::attitude::{AttitudeRow, GAP_SPACINGS, RecordedAttitude, Sun};
 use geu_model::units::ARCSEC_PER_RAD;
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 
 use super::reference_motion::{GLITCH_ARCSEC, GLITCH_SIGMAS};
 use super::relative_rows::{GyroMotion, Row};
-use super::turns::turn;
 
-/// Turn of a lone row there and back over the turns beside it: an effect or a wrong time does not come back within a row.
+/// Minimum ratio of the jump to a wrong row to the jumps beside it, and to what is left of it after the last wrong row.
 const LONE: f64 = 4.0;
-/// Distance of a node from a row, in intervals of the nodes, from which it is used in a gap.
+/// Maximum number of wrong rows in succession.
+const MAX_WRONG: usize = 8;
+/// Jump as a share of the change of the gyros' turn from row to row, up to which it may be an error of the interpolation between nodes, or of a
+/// gyro that repeats a sample.
+const BEND: f64 = 0.5;
+/// Minimum distance from a row of a node that is used in a gap, in intervals of the nodes.
 const BESIDE: f64 = 0.5;
 
-/// Indices of the rows far from those beside them, which agree; the sigma of a row is `scale` times the stated one.
-pub fn lone_rows(rows: &[Row], scale: Vector3<f64>) -> Vec<usize> {
-    let turn = |row: usize| rows[row].beyond_arcsec;
-    let is_lone = |row: &usize| {
-        let [before, there, back, after] = [row - 1, *row, row + 1, row + 2].map(turn);
-        let off = (there - back) / 2.0;
-        let limit = GLITCH_SIGMAS * scale.component_mul(&rows[*row].sigma);
-        let is_far = (0..3).any(|axis| off[axis].abs() > limit[axis].max(GLITCH_ARCSEC));
-        is_far
-            && off.norm() > LONE * [before, there + back, after].map(|own| own.norm()).into_iter().fold(0.0, f64::max)
+/// Leaves out the rows that jump away from the attitude before and come back; returns true if there are any. The sigma of a row is `scale` times
+/// the stated one.
+pub fn leave_out_wrong(rows: &mut [Row], scale: Vector3<f64>) -> bool {
+    let mut found = false;
+    for part in rows.chunk_by_mut(|_, next| !next.begins) {
+        let wrong = wrong_rows(part, scale);
+        found |= !wrong.is_empty();
+        wrong.into_iter().for_each(|row| part[row].is_used = false);
+    }
+    found
+}
+
+/// Indices of the wrong rows of a part of which all turns are known.
+fn wrong_rows(rows: &[Row], scale: Vector3<f64>) -> Vec<usize> {
+    let Some(last) = rows.len().checked_sub(1).filter(|last| *last >= 4) else { return Vec::new() };
+    let jump = |from: usize, to: usize| between(&rows[from], &rows[to]).angle() * ARCSEC_PER_RAD;
+    let turn = |row: usize| (rows[row - 1].attitude.inverse() * rows[row].attitude).scaled_axis() * ARCSEC_PER_RAD;
+    let bend = |row: usize| if (1..last).contains(&row) { (turn(row + 1) - turn(row)).norm() } else { 0.0 };
+    let is_far = |row: usize, jump: f64| {
+        let noise = GLITCH_SIGMAS * scale.component_mul(&rows[row].sigma).max();
+        jump > noise.max(GLITCH_ARCSEC) && jump > BEND * (row - 1..=row + 1).map(bend).fold(0.0, f64::max)
     };
-    (2..rows.len().saturating_sub(2)).filter(is_lone).collect()
+    let mut wrong = Vec::new();
+    let mut row = 1;
+    while row <= last {
+        let far = jump(row - 1, row);
+        let is_small = |other: f64| LONE * other <= far;
+        let is_lone = is_far(row, far) && (row < 2 || is_small(jump(row - 2, row - 1)));
+        let is_back =
+            |other: &usize| is_small(jump(row - 1, *other)) && (*other == last || is_small(jump(*other, other + 1)));
+        let back = (row + 1..=last.min(row + MAX_WRONG)).filter(|_| is_lone).find(is_back);
+        wrong.extend(row..back.unwrap_or(row));
+        row = back.unwrap_or(row) + 1;
+    }
+    // From the first and the last row there is one jump alone.
+    let is_end = |own: usize, [one, two, three]: [usize; 3]| {
+        let far = jump(own.min(one), own.max(one));
+        is_far(own.max(one), far) && [jump(one, two), jump(two, three)].iter().all(|other| LONE * other <= far)
+    };
+    wrong.extend(is_end(0, [1, 2, 3]).then_some(0));
+    wrong.extend(is_end(last, [last - 1, last - 2, last - 3]).then_some(last));
+    wrong
+}
+
+/// Change of the attitude relative to that by the gyros from a row to another one, in inertial space.
+fn between(from: &Row, to: &Row) -> UnitQuaternion<f64> {
+    to.relative() * from.relative().inverse()
 }
 
 /// The motion of the reference without the rows that are not used, with a row at each node in its gaps. `rows` are those within the counts.
@@ -49,7 +88,13 @@ pub fn filled(
     let (mut near, mut before, mut unknown) = (0, None, Vec::new());
     let mut all: Vec<AttitudeRow> = Vec::with_capacity(rows.len());
     let mut sun = |t_s: f64| {
-        reference.knows_sun().then(|| reference.at(t_s, &mut near).1).map(|moment| (moment.theta_rad, moment.psi_rad))
+        let moment = reference.knows_sun().then(|| reference.at(t_s, &mut near).1)?;
+        Some(Sun { theta_rad: moment.theta_rad, psi_rad: moment.psi_rad, ..Sun::default() })
+    };
+    let row = |t_s: f64, turned: Vector3<f64>, sun: Option<Sun>| AttitudeRow {
+        t_s,
+        angle_control_arcsec: turned.into(),
+        theta_psi_rad: sun.map(|sun| (sun.theta_rad, sun.psi_rad)),
     };
     for (number, (t_s, angle)) in reference.rows().enumerate() {
         let angle = Vector3::from(angle);
@@ -63,21 +108,23 @@ pub fn filled(
             let beside_s = BESIDE * counts.interval_s;
             let [first, last] = [from.t_s + beside_s, to.t_s - beside_s]
                 .map(|end_s| counts.node_s.partition_point(|node_s| *node_s < end_s));
-            let mut attitude = from.absolute();
+            let (mut attitude, change) = (from.absolute(), between(from, to).scaled_axis());
+            let [sun_from, sun_to] = [from, to].map(|row| sun(row.t_s));
             for node in first..last {
                 let node_s = counts.node_s[node];
                 let share = (node_s - from.t_s) / (to.t_s - from.t_s);
-                let own = turn(from.relative_arcsec.lerp(&to.relative_arcsec, share)) * gyros.attitudes[node];
+                let relative = UnitQuaternion::from_scaled_axis(change * share) * from.relative();
+                let own = relative * gyros.attitudes[node];
                 let turned = (attitude.inverse() * own).scaled_axis() * ARCSEC_PER_RAD;
                 attitude = own;
-                all.push(AttitudeRow { t_s: node_s, angle_control_arcsec: turned.into(), theta_psi_rad: sun(node_s) });
+                all.push(row(node_s, turned, sun_from.zip(sun_to).map(|(from, to)| from.towards(&to, share))));
             }
             turned = (attitude.inverse() * to.absolute()).scaled_axis() * ARCSEC_PER_RAD;
         }
         while unknown_s.next_if(|end_s| *end_s <= t_s).is_some() {
             unknown.push(all.len());
         }
-        all.push(AttitudeRow { t_s, angle_control_arcsec: turned.into(), theta_psi_rad: sun(t_s) });
+        all.push(row(t_s, turned, sun(t_s)));
     }
     unknown.dedup();
     RecordedAttitude::with_unknown_turns(all, unknown, &[], true).ok()
@@ -90,80 +137,126 @@ mod tests {
     use geu_calibration::transfer::sensing_matrix;
     use geu_model::Configuration;
     use geu_model::units::SAMPLE_INTERVAL_S;
-    use nalgebra::UnitQuaternion;
 
     use crate::measured::relative_rows;
 
-    /// Attitude at a node of a turn about an axis that moves.
-    fn attitude(node: usize) -> UnitQuaternion<f64> {
-        let t = node as f64 * SAMPLE_INTERVAL_S;
-        turn(Vector3::new(3.0 * (1.25 * t).sin(), 30.0 * t, 0.0)) * turn(Vector3::new(0.0, 0.0, 200.0 * t))
+    const NODES: usize = 200;
+    const SIGMA_ARCSEC: f64 = 0.1;
+
+    /// A limit cycle, and turns about Y and Z, the one about Y from node 150 on at once 360″/s faster.
+    fn attitude(t_s: f64) -> UnitQuaternion<f64> {
+        let faster_arcsec = 360.0 * (t_s - 75.0).max(0.0);
+        turn(Vector3::new(3.0 * (1.25 * t_s).sin(), 30.0 * t_s + faster_arcsec, 0.0))
+            * turn(Vector3::new(0.0, 0.0, 200.0 * t_s))
     }
 
-    /// The reference with these rows, counts of a unit with an error of the scale factor of 1000 ppm, and the motion by these.
-    fn recorded(numbers: &[usize], glitch: usize) -> (RecordedAttitude, AccumulatedCounts, GyroMotion) {
-        let own = |number: usize| if number == glitch { UnitQuaternion::identity() } else { attitude(number) };
-        let mut before = own(numbers[0]);
-        let row = |number: &usize| {
-            let now = own(*number);
+    fn turn(arcsec: Vector3<f64>) -> UnitQuaternion<f64> {
+        UnitQuaternion::from_scaled_axis(arcsec / ARCSEC_PER_RAD)
+    }
+
+    /// A reference with rows at these times, those of `wrong` at the identity, and its rows beside gyros with an error of the scale factor of
+    /// 1000 ppm in [`NODES`] nodes.
+    struct Recorded {
+        reference: RecordedAttitude,
+        counts: AccumulatedCounts,
+        gyros: GyroMotion,
+        rows: Vec<Row>,
+    }
+
+    fn recorded(times_s: &[f64], wrong: &[usize]) -> Recorded {
+        let own = |row: usize| if wrong.contains(&row) { turn(Vector3::repeat(1e4)) } else { attitude(times_s[row]) };
+        let mut before = own(0);
+        let row = |row: usize| {
+            let now = own(row);
             let turned = (std::mem::replace(&mut before, now).inverse() * now).scaled_axis() * ARCSEC_PER_RAD;
-            let t_s = *number as f64 * SAMPLE_INTERVAL_S;
-            AttitudeRow { t_s, angle_control_arcsec: turned.into(), theta_psi_rad: None }
+            let theta_psi_rad = Some((1.0, 3.1 + 1e-3 * times_s[row]));
+            AttitudeRow { t_s: times_s[row], angle_control_arcsec: turned.into(), theta_psi_rad }
         };
-        let reference = RecordedAttitude::with_gaps(numbers.iter().map(row).collect()).expect("rows");
+        let reference = RecordedAttitude::with_gaps((0..times_s.len()).map(row).collect()).expect("rows");
         let nominal = Configuration::reference();
         let matrix = sensing_matrix(&nominal);
         let mut counts = AccumulatedCounts::starting_at(0);
-        for node in 1..=200 {
-            let turned = (attitude(node - 1).inverse() * attitude(node)).scaled_axis() * ARCSEC_PER_RAD * 1.001;
-            let sensed = &matrix * turned;
+        for node in 1..=NODES {
+            let [from, to] = [node - 1, node].map(|node| attitude(node as f64 * SAMPLE_INTERVAL_S));
+            let sensed = &matrix * ((from.inverse() * to).scaled_axis() * ARCSEC_PER_RAD * 1.001);
             let increments: [f64; 4] = std::array::from_fn(|gyro| {
                 let calibration = &nominal.gyros[gyro].calibration;
                 (sensed[gyro] - calibration.drift_arcsec_per_half_s) / calibration.scale_factor
             });
             counts.push(node as f64 * SAMPLE_INTERVAL_S, &increments, 20.0);
         }
-        let gyros = GyroMotion::new(&counts, &reference, &matrix, &nominal, true);
-        (reference, counts, gyros)
+        let gyros = GyroMotion::new(&counts, &reference, &matrix, &nominal, false);
+        let rows = relative_rows::rows(&counts, &gyros, &reference, &[]).expect("rows");
+        Recorded { reference, counts, gyros, rows }
+    }
+
+    /// Times of rows every sample, from and to beyond the counts.
+    fn times_s(late_s: f64) -> Vec<f64> {
+        (-4..NODES as i32 + 4).map(|row| f64::from(row) * SAMPLE_INTERVAL_S + late_s).collect()
+    }
+
+    fn left_out_s(recorded: &mut Recorded) -> Vec<f64> {
+        leave_out_wrong(&mut recorded.rows, Vector3::repeat(SIGMA_ARCSEC));
+        recorded.rows.iter().filter(|row| !row.is_used).map(|row| row.t_s).collect()
     }
 
     #[test]
-    fn a_gap_and_a_lone_row_are_filled_and_the_other_rows_stay() {
-        let numbers: Vec<usize> = (0..=200).filter(|number| !(80..110).contains(number)).collect();
-        let (reference, counts, gyros) = recorded(&numbers, 50);
-        let mut rows = relative_rows::rows(&counts, &gyros, &reference, &[]).expect("rows");
-        let lone = lone_rows(&rows, Vector3::repeat(0.1));
-        assert_eq!(lone, [50]);
-        lone.into_iter().for_each(|row| rows[row].is_used = false);
-        let filled = filled(&rows, &counts, &gyros, &reference, SAMPLE_INTERVAL_S).expect("a motion");
-        let times_s: Vec<f64> = filled.rows().map(|row| row.0).collect();
-        assert_eq!(times_s, (0..=200).map(|node| node as f64 * SAMPLE_INTERVAL_S).collect::<Vec<_>>());
-        let mut own = attitude(0);
-        let mut before = Vector3::zeros();
-        for (node, (_, angle)) in filled.rows().enumerate() {
-            own *= turn(Vector3::from(angle) - before);
-            before = angle.into();
-            let off_arcsec = (own.inverse() * attitude(node)).angle() * ARCSEC_PER_RAD;
-            // By the gyros alone the last one is off by 3″.
-            let limit_arcsec = if node == 50 || (80..110).contains(&node) { 0.5 } else { 1e-3 };
-            assert!(off_arcsec < limit_arcsec, "{node}: {off_arcsec}");
+    fn gaps_and_wrong_rows_are_filled_and_the_other_rows_stay() {
+        for late_s in [0.0, 0.2] {
+            let times_s: Vec<f64> = times_s(late_s).into_iter().filter(|t_s| !(40.0..55.0).contains(t_s)).collect();
+            let wrong: Vec<usize> = [20, 40, 41, 42].to_vec();
+            let mut own = recorded(&times_s, &wrong);
+            assert_eq!(left_out_s(&mut own), wrong.iter().map(|row| times_s[*row]).collect::<Vec<_>>());
+            let Recorded { reference, counts, gyros, rows } = &own;
+            let filled = filled(rows, counts, gyros, reference, SAMPLE_INTERVAL_S).expect("a motion");
+            assert!(filled.gaps_s().is_empty());
+            let (mut found, mut before, mut near) = (attitude(filled.start_s()), Vector3::zeros(), 0);
+            let mut at_nodes = 0;
+            for (t_s, angle) in filled.rows() {
+                found *= turn(Vector3::from(angle) - before);
+                before = angle.into();
+                let is_of_gyros = !(0..times_s.len()).any(|row| times_s[row] == t_s && !wrong.contains(&row));
+                at_nodes += usize::from(is_of_gyros);
+                let off_arcsec = (found.inverse() * attitude(t_s)).angle() * ARCSEC_PER_RAD;
+                // The gyros alone are off by 3″ after the gap.
+                assert!(off_arcsec < if is_of_gyros { 0.3 } else { 1e-3 }, "{t_s}: {off_arcsec}");
+                let psi_rad = filled.at(t_s, &mut near).1.psi_rad;
+                assert!((psi_rad - 3.1 - 1e-3 * t_s).abs() < 1e-9, "{t_s}: {psi_rad}");
+            }
+            assert!(at_nodes > 30, "{at_nodes}");
         }
     }
 
     #[test]
-    fn the_start_of_a_turn_and_a_row_within_the_noise_are_not_lone() {
-        let numbers: Vec<usize> = (0..=200).collect();
-        let (reference, counts, gyros) = recorded(&numbers, 1000);
-        let mut rows = relative_rows::rows(&counts, &gyros, &reference, &[]).expect("rows");
-        assert!(lone_rows(&rows, Vector3::repeat(0.1)).is_empty());
-        // A turn that the gyros do not sense begins, and another one comes back after two rows.
-        rows[60].beyond_arcsec.x += 50.0;
-        rows[120].beyond_arcsec.x += 50.0;
-        rows[122].beyond_arcsec.x -= 50.0;
-        assert!(lone_rows(&rows, Vector3::repeat(0.1)).is_empty());
-        rows[160].beyond_arcsec.x += 50.0;
-        rows[161].beyond_arcsec.x -= 50.0;
-        assert_eq!(lone_rows(&rows, Vector3::repeat(0.1)), [160]);
-        assert!(lone_rows(&rows, Vector3::repeat(10.0)).is_empty());
+    fn the_first_and_the_last_row_may_be_wrong() {
+        let times_s: Vec<f64> = (0..=NODES).map(|node| node as f64 * SAMPLE_INTERVAL_S).collect();
+        assert_eq!(left_out_s(&mut recorded(&times_s, &[0, NODES])), [0.0, NODES as f64 * SAMPLE_INTERVAL_S]);
+    }
+
+    #[test]
+    fn jumps_of_the_rate_and_of_the_angle_and_long_departures_are_not_wrong_rows() {
+        for late_s in [0.0, 0.1, 0.2, 0.25, 0.3] {
+            assert!(left_out_s(&mut recorded(&times_s(late_s), &[])).is_empty(), "{late_s}");
+        }
+        let wrong: Vec<usize> = (60..60 + MAX_WRONG + 1).collect();
+        assert!(left_out_s(&mut recorded(&times_s(0.0), &wrong)).is_empty());
+        let mut own = recorded(&times_s(0.0), &[]);
+        own.rows.iter_mut().skip(100).for_each(|row| row.relative_arcsec.x += 50.0);
+        assert!(left_out_s(&mut own).is_empty());
+        // A gyro that repeats a sample and catches up.
+        let late = own.rows[30].attitude * own.rows[31].attitude.inverse();
+        own.rows[31].attitude = own.rows[30].attitude;
+        own.rows[31].relative_arcsec = (late.inverse() * own.rows[31].relative()).scaled_axis() * ARCSEC_PER_RAD;
+        assert!(left_out_s(&mut own).is_empty());
+    }
+
+    #[test]
+    fn a_row_within_the_noise_is_not_wrong() {
+        for (moved_arcsec, expected) in [(6.0, 0), (20.0, 1)] {
+            let mut own = recorded(&times_s(0.0), &[]);
+            own.rows[50].relative_arcsec.x += moved_arcsec;
+            leave_out_wrong(&mut own.rows, Vector3::repeat(1.0));
+            assert_eq!(own.rows.iter().filter(|row| !row.is_used).count(), expected, "{moved_arcsec}");
+        }
     }
 }

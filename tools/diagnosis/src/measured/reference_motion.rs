@@ -11,20 +11,21 @@ use geu_model::attitude::RecordedAttitude;
 use geu_recording::ReferenceAttitude;
 use nalgebra::Vector3;
 
-use super::BLOCK;
-use super::filled_gaps::{filled, lone_rows};
+use super::filled_gaps::{filled, leave_out_wrong};
 use super::reference_sigma::ReferenceSigma;
-use super::relative_rows::{GyroMotion, is_white, rows, second_difference_sigma};
+use super::relative_rows::{self, GyroMotion, Row, is_noisy, is_white, second_difference_sigma};
 use super::smoothed_reference::{SmoothedReference, angles, of_block, smooth};
 use super::smoothing::REACH_ROWS;
 use super::turns::recorded;
+use super::{BLOCK, nodes};
 
 /// Spacing of rows up to which exact ones show the motion between them, in intervals of the nodes.
 const MAX_SPACING: f64 = 1.2;
-/// Sigmas of a row's angle, in counts, below which fast rows are exact: about the axis with the smallest, where rounding shows 0.09, and about
-/// the one with the largest, where small motions that a gyro does not sense show as much as noise.
-const EXACT_COUNTS: [f64; 2] = [0.15, 0.6];
-/// A row farther from those beside it, in sigmas, is a glitch, if it is as far as several roundings.
+/// Sigma of a row's angle, in counts, below which fast rows are exact: what is left of the rounding in the motion by the gyros shows 0.09.
+const EXACT_COUNTS: f64 = 0.15;
+/// The same of rows that differ from the gyros by more than noise does: a limit cycle that a gyro does not sense shows 0.5.
+const UNSENSED_COUNTS: f64 = 0.6;
+/// A row farther from those beside it than this many sigmas, and than this distance, is a glitch.
 pub const GLITCH_SIGMAS: f64 = 8.0;
 pub const GLITCH_ARCSEC: f64 = 4.8;
 /// Size of a count from which its rounding is smoothed out of the motion: a smaller one is less than the noise of a gyro within a block.
@@ -37,7 +38,7 @@ pub struct ReferenceMotion {
     pub motion: Option<RecordedAttitude>,
     /// Traces of the smoothing, if the rows are noisy or slow.
     pub smoothed: Option<SmoothedReference>,
-    /// False for each block without rows; empty if `motion` is `None`.
+    /// False for each block without rows, or beyond the first or the last of them; empty if `motion` is `None`.
     pub has_rows: Vec<bool>,
     /// The stated sigmas of the rows beside the scatter found, if there are any.
     pub sigma: Option<ReferenceSigma>,
@@ -61,42 +62,58 @@ impl ReferenceMotion {
         }
         let is_coarse = counts.rounded_to.iter().all(|count| *count >= COARSE_ARCSEC);
         let gyros = GyroMotion::new(counts, moved, &matrix, nominal, is_coarse);
-        let rows = rows(counts, &gyros, moved, sigma_arcsec).filter(|rows| rows.len() > 2 * REACH_ROWS);
+        let rows = relative_rows::rows(counts, &gyros, moved, sigma_arcsec).filter(|rows| rows.len() > 2 * REACH_ROWS);
         let Some(mut rows) = rows else { return ReferenceMotion::default() };
         let scale = Vector3::from_fn(|axis, _| second_difference_sigma(&rows, axis));
         let largest = rows.iter().fold(Vector3::zeros(), |largest, row| largest.sup(&row.sigma)).component_mul(&scale);
         let sigma = (!sigma_arcsec.is_empty()).then(|| ReferenceSigma::new(sigma_arcsec, scale));
         let spacing_s = median(&mut rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect::<Vec<_>>());
         let block_s = BLOCK as f64 * counts.interval_s;
-        let [one, all] = EXACT_COUNTS.map(|counted| counted * counts.rounded_to.iter().copied().fold(0.0, f64::max));
-        let is_quiet = match is_coarse {
-            true => largest.min() < one && largest.max() < all,
-            false => !is_white(&rows, block_s / spacing_s),
+        let count = counts.rounded_to.iter().copied().fold(f64::INFINITY, f64::min);
+        let is_exact_about = |axis: usize| {
+            let is_unsensed = || largest[axis] < UNSENSED_COUNTS * count && !is_noisy(&rows, axis);
+            largest[axis] < EXACT_COUNTS * count || is_unsensed()
         };
-        let is_exact = is_quiet && spacing_s <= MAX_SPACING * counts.interval_s;
-        let lone = if is_exact && reference.is_attitude { lone_rows(&rows, scale) } else { Vec::new() };
-        lone.into_iter().for_each(|row| rows[row].is_used = false);
-        let has_gaps = moved.gaps_s().len() > moved.unknown_s().count() || rows.iter().any(|row| !row.is_used);
-        let fits = ReferenceMotion { sigma, ..ReferenceMotion::default() };
-        if is_exact && !has_gaps {
-            return fits;
+        let is_quiet = if is_coarse { (0..3).all(is_exact_about) } else { !is_white(&rows, block_s / spacing_s) };
+        let given = ReferenceMotion { sigma, ..ReferenceMotion::default() };
+        if is_quiet && spacing_s <= MAX_SPACING * counts.interval_s {
+            let has_gaps = moved.gaps_s().len() > moved.unknown_s().count();
+            let has_wrong = reference.is_attitude && leave_out_wrong(&mut rows, scale);
+            if !has_wrong && !has_gaps {
+                return given;
+            }
+            // At a jump of the rate the motion without rounding is off.
+            let gyros = GyroMotion::new(counts, moved, &matrix, nominal, false);
+            let Some(mut rows) = relative_rows::rows(counts, &gyros, moved, sigma_arcsec) else { return given };
+            leave_out_wrong(&mut rows, scale);
+            let Some(motion) = filled(&rows, counts, &gyros, moved, spacing_s) else { return given };
+            let has_rows = has_rows(&rows, &counts.node_s, blocks, Some(spacing_s));
+            return ReferenceMotion { motion: Some(motion), has_rows, glitches_s: glitches_s(&rows), ..given };
         }
-        if !is_exact {
-            smooth(&mut rows, scale, block_s, is_coarse);
-        }
-        let has_rows = (0..blocks).map(|block| of_block(&rows, &counts.node_s, block).next().is_some()).collect();
-        let glitches_s = rows.iter().filter(|row| !row.is_used).map(|row| row.t_s).collect();
-        let gaps = ReferenceMotion { has_rows, glitches_s, ..fits };
-        if is_exact {
-            let motion = filled(&rows, counts, &gyros, moved, spacing_s);
-            return ReferenceMotion { motion, ..gaps };
-        }
+        smooth(&mut rows, scale, block_s, is_coarse);
         let angles = angles(&rows, &counts.node_s, &gyros);
         let scale_factors: Vec<f64> = nominal.gyros.iter().map(|gyro| gyro.calibration.scale_factor).collect();
         let along = (&counts.node_s[..], &angles[..]);
         let smoothed =
             SmoothedReference::new(&rows, along, (&matrix, &scale_factors), (scale, spacing_s / block_s), blocks);
-        let motion = recorded(&counts.node_s, &angles, moved);
-        ReferenceMotion { smoothed: motion.as_ref().map(|_| smoothed), motion, ..gaps }
+        let Some(motion) = recorded(&counts.node_s, &angles, moved) else { return given };
+        let has_rows = has_rows(&rows, &counts.node_s, blocks, None);
+        let (motion, smoothed) = (Some(motion), Some(smoothed));
+        ReferenceMotion { motion, smoothed, has_rows, glitches_s: glitches_s(&rows), ..given }
     }
+}
+
+/// For each block true if it has a row, and no node farther than `beyond_s` before the first or after the last row.
+fn has_rows(rows: &[Row], node_s: &[f64], blocks: usize, beyond_s: Option<f64>) -> Vec<bool> {
+    let used = || rows.iter().filter(|row| row.is_used).map(|row| row.t_s);
+    let ends_s = used().next().zip(used().next_back()).unwrap_or((f64::INFINITY, f64::NEG_INFINITY));
+    let beyond_s = beyond_s.unwrap_or(f64::INFINITY);
+    let is_within = |node: usize| (ends_s.0 - beyond_s..=ends_s.1 + beyond_s).contains(&node_s[node]);
+    let has_row = |block: usize| of_block(rows, node_s, block).next().is_some() && nodes(block).all(is_within);
+    (0..blocks).map(has_row).collect()
+}
+
+/// Times of the rows that are left out.
+fn glitches_s(rows: &[Row]) -> Vec<f64> {
+    rows.iter().filter(|row| !row.is_used).map(|row| row.t_s).collect()
 }

@@ -51,9 +51,14 @@ pub struct Row {
 }
 
 impl Row {
+    /// Attitude relative to that by the gyros.
+    pub fn relative(&self) -> UnitQuaternion<f64> {
+        turn(self.relative_arcsec)
+    }
+
     /// Attitude by the reference; that of the first row is the gyros'.
     pub fn absolute(&self) -> UnitQuaternion<f64> {
-        turn(self.relative_arcsec) * self.attitude
+        self.relative() * self.attitude
     }
 
     /// Weight by the sigma about each control axis.
@@ -177,6 +182,16 @@ pub fn second_difference_sigma(rows: &[Row], axis: usize) -> f64 {
     };
     let mut sizes: Vec<f64> = rows.windows(3).map(difference).collect();
     median(&mut sizes) / MEDIAN_OF_NORMAL / 6f64.sqrt()
+}
+
+/// True if the rows differ from the gyros about an axis by noise: its differences from row to row change their sign. Those of a motion that a gyro
+/// does not sense last.
+pub fn is_noisy(rows: &[Row], axis: usize) -> bool {
+    let of_pairs = |of: &dyn Fn(f64, f64) -> f64| {
+        let pairs = rows.windows(2).map(|pair| of(pair[0].beyond_arcsec[axis], pair[1].beyond_arcsec[axis]).abs());
+        median(&mut pairs.collect::<Vec<_>>())
+    };
+    of_pairs(&|one, next| one + next) < of_pairs(&|one, next| one - next)
 }
 
 /// True if the white noise of the relative attitude, averaged over the nodes of a block of that many rows, is a share of its walk over a block

@@ -19,14 +19,14 @@ pub struct SquaredGap {
 /// Growth of the squared gap by one entry that refuses it whatever χ² does, as a share of the gap as configured, if noise does not cause it:
 /// the residual of a true effect with a well-determined amplitude grows by its own error only.
 const LARGER: f64 = 0.1;
-/// Growth of the squared gap by one entry, as a multiple of the gap as configured, that refuses it whatever the noise: the gap is twice as wide.
-const TWICE_AS_WIDE: f64 = 3.0;
+/// Squared gap with all entries, as a multiple of that as configured, from which one that makes it larger is refused whatever the noise.
+const TWICE_AS_WIDE: f64 = 4.0;
 /// Growth of the squared gap, as a share, that is none: an effect of the times hardly moves the angles.
 const EQUAL: f64 = 0.01;
 
 /// Removes the entries that may not be stated: one below its own threshold, a changed calibration of a gyro left unexplained, and one
 /// that makes the gap larger beside all others, by [`LARGER`] and more than `by_noise` from those without it to all, by [`EQUAL`] with χ²,
-/// or by [`TWICE_AS_WIDE`].
+/// or where the gap with all of them is [`TWICE_AS_WIDE`].
 ///
 /// The gyros of a refused effect are unexplained.
 pub fn refuse(
@@ -69,11 +69,9 @@ fn first_refused(
                 let without = gap(&others);
                 let growth = with.squares - without.squares;
                 let is_larger = growth > EQUAL * without.squares && without.reduced_chi2 < with.reduced_chi2;
-                let is_much_larger = || {
-                    let beyond_noise = || growth > by_noise(&others, &all);
-                    growth > LARGER * configured.squares
-                        && (growth > TWICE_AS_WIDE * configured.squares || beyond_noise())
-                };
+                let is_twice = with.squares > TWICE_AS_WIDE * configured.squares;
+                let is_much_larger =
+                    || growth > LARGER * configured.squares && (is_twice || growth > by_noise(&others, &all));
                 entry.chi2.is_some() && (is_larger || is_much_larger())
             };
             of("it makes the gap larger", &is_harmful)
@@ -147,7 +145,7 @@ mod tests {
 
     #[test]
     fn noise_excuses_a_gap_that_is_larger_but_not_one_twice_as_wide() {
-        for (squares, stated) in [(20.0, 1), (50.0, 0)] {
+        for (squares, stated) in [(39.0, 1), (41.0, 0)] {
             let mut entries = vec![entry("harmful", 2, Class::MissingEffect, 50.0)];
             let gap = |entries: &[&DiagnosedEffect]| SquaredGap {
                 squares: if entries.is_empty() { 10.0 } else { squares },
