@@ -126,7 +126,7 @@ fn dropouts(row: usize, text: &str) -> Option<String> {
     }
 }
 
-/// From rows that are exact to those of which the noise exceeds the rounding of the counts.
+/// From exact rows to rows with more noise than the rounding of the counts.
 #[test]
 #[ignore = "minutes; .ci/run has it"]
 fn fast_quaternions_of_little_noise_with_dropouts_yield_no_name() {

@@ -154,7 +154,7 @@ mod tests {
         UnitQuaternion::from_scaled_axis(arcsec / ARCSEC_PER_RAD)
     }
 
-    /// A reference with rows at these times, those of `wrong` at the identity, and its rows beside gyros with an error of the scale factor of
+    /// A reference with rows at these times, the `wrong` ones far off, and its rows beside gyros with an error of the scale factor of
     /// 1000 ppm in [`NODES`] nodes.
     struct Recorded {
         reference: RecordedAttitude,

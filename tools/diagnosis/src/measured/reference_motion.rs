@@ -23,7 +23,7 @@ use super::{BLOCK, nodes};
 const MAX_SPACING: f64 = 1.2;
 /// Sigma of a row's angle, in counts, below which fast rows are exact: what is left of the rounding in the motion by the gyros shows 0.09.
 const EXACT_COUNTS: f64 = 0.15;
-/// The same of rows that differ from the gyros by more than noise does: a limit cycle that a gyro does not sense shows 0.5.
+/// Sigma of exact rows beside a gyro that does not sense a motion: a limit cycle shows 0.5.
 const UNSENSED_COUNTS: f64 = 0.6;
 /// A row farther from those beside it than this many sigmas, and than this distance, is a glitch.
 pub const GLITCH_SIGMAS: f64 = 8.0;

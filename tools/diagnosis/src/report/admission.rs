@@ -19,7 +19,7 @@ pub struct SquaredGap {
 /// Growth of the squared gap by one entry that refuses it whatever χ² does, as a share of the gap as configured, if noise does not cause it:
 /// the residual of a true effect with a well-determined amplitude grows by its own error only.
 const LARGER: f64 = 0.1;
-/// Squared gap with all entries, as a multiple of that as configured, from which one that makes it larger is refused whatever the noise.
+/// Squared gap with all entries, as a multiple of the one as configured, from which every entry that makes it larger is refused.
 const TWICE_AS_WIDE: f64 = 4.0;
 /// Growth of the squared gap, as a share, that is none: an effect of the times hardly moves the angles.
 const EQUAL: f64 = 0.01;
