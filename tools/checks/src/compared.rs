@@ -22,9 +22,13 @@ const MAX_UNCOVERED: usize = 2;
 const SLOW_S: f64 = 2.0;
 /// Largest change of the mean rate from row to row of a steady motion, arcsec/s: ordinary errors of a count are as large.
 const STEADY_ARCSEC_S: f64 = 16.0;
-/// Turn there and back of a single row that is off, arcsec: above the noise of a reference.
+/// Turn to the first of some wrong rows, beyond the motion before, arcsec: above the noise of a reference.
 const GLITCH_ARCSEC: f64 = 50.0;
-/// Spacings of rows beside a gap or such a row in which the spline through it is not the motion: the kink decays by 3.7 from row to row.
+/// Minimum ratio of that turn to what is left of it after the last wrong row, and to the changes of the motion beside them.
+const LONE: f64 = 4.0;
+/// Maximum number of wrong rows in succession.
+const MAX_WRONG: usize = 8;
+/// Spacings of rows beside a gap or such rows in which the spline through it is not the motion: the kink decays by 3.7 from row to row.
 const BESIDE_GAP: f64 = 10.0;
 /// Intervals beside each other that may overlap a sample.
 const OVERLAPPING: usize = 32;
@@ -147,7 +151,7 @@ impl CountComparison {
     }
 }
 
-/// Intervals in which the motion is not known, in order of time: gaps, single rows that are off, and the rows of a slow reference beside
+/// Intervals in which the motion is not known, in order of time: gaps, wrong rows, and the rows of a slow reference beside
 /// which the mean rate changes.
 fn unsteady(reference: &RecordedAttitude) -> Vec<[f64; 2]> {
     let rows: Vec<(f64, Vector3<f64>)> = reference.rows().map(|(t_s, angle)| (t_s, angle.into())).collect();
@@ -156,13 +160,22 @@ fn unsteady(reference: &RecordedAttitude) -> Vec<[f64; 2]> {
     let spacing_s = median(&mut spacings);
     let beside_s = BESIDE_GAP * spacing_s;
     let mut unknown = reference.gaps_s();
-    // Such a row turns there and back.
-    let is_off = |row: &usize| {
-        let [before, there, back, after] = [row - 2, row - 1, *row, row + 1].map(rate);
-        let (off, mean) = ((there - back).amax() / 2.0, ((there + back - before - after) / 2.0).amax());
-        off * spacing_s > GLITCH_ARCSEC && off > 4.0 * mean
+    let last = rows.len().saturating_sub(1);
+    // Wrong rows turn there and back.
+    let wrong = |from: usize| {
+        let before = rate(from - 1);
+        let turn_arcsec = (rate(from) - before).amax() * spacing_s;
+        let is_small = |other: Vector3<f64>| LONE * other.amax() <= turn_arcsec;
+        let is_back = |to: &usize| {
+            let (after, turned) = (rate(*to), rows[*to].1 - rows[from].1);
+            is_small((after - rate(to + 1)) * spacing_s)
+                && is_small(turned - 0.5 * (before + after) * (rows[*to].0 - rows[from].0))
+        };
+        let is_lone = turn_arcsec > GLITCH_ARCSEC && is_small((before - rate(from - 2)) * spacing_s);
+        let to = (from + 2..=from + 1 + MAX_WRONG).take_while(|to| is_lone && to + 1 < last).find(is_back)?;
+        Some([rows[from + 1].0, rows[to - 1].0])
     };
-    unknown.extend((2..rows.len().saturating_sub(2)).filter(is_off).map(|row| [rows[row].0; 2]));
+    unknown.extend((2..last).filter_map(wrong));
     unknown.iter_mut().for_each(|gap_s| *gap_s = [gap_s[0] - beside_s, gap_s[1] + beside_s]);
     if spacing_s > SLOW_S {
         let changes =

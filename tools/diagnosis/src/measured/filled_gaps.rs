@@ -10,13 +10,13 @@ use nalgebra::{UnitQuaternion, Vector3};
 use super::reference_motion::{GLITCH_ARCSEC, GLITCH_SIGMAS};
 use super::relative_rows::{GyroMotion, Row};
 
-/// Minimum ratio of the jump to a wrong row to the jumps beside it, and to what is left of it after the last wrong row.
+/// Minimum ratio of the jump to a wrong row to the jumps beside it, and to the distance between the rows before and after the wrong ones.
 const LONE: f64 = 4.0;
 /// Maximum number of wrong rows in succession.
 const MAX_WRONG: usize = 8;
 /// Jump as a share of the change of the gyros' turn from row to row, up to which it may be an error of the interpolation between nodes, or of a
 /// gyro that repeats a sample.
-const BEND: f64 = 0.5;
+const BEND: f64 = 1.0;
 /// Minimum distance from a row of a node that is used in a gap, in intervals of the nodes.
 const BESIDE: f64 = 0.5;
 
@@ -28,6 +28,8 @@ pub fn leave_out_wrong(rows: &mut [Row], scale: Vector3<f64>) -> bool {
         let wrong = wrong_rows(part, scale);
         found |= !wrong.is_empty();
         wrong.into_iter().for_each(|row| part[row].is_used = false);
+        let begins = part.first().is_some_and(|first| first.begins);
+        part.iter_mut().find(|row| row.is_used).into_iter().for_each(|first| first.begins = begins);
     }
     found
 }
@@ -51,16 +53,21 @@ fn wrong_rows(rows: &[Row], scale: Vector3<f64>) -> Vec<usize> {
         let is_back =
             |other: &usize| is_small(jump(row - 1, *other)) && (*other == last || is_small(jump(*other, other + 1)));
         let back = (row + 1..=last.min(row + MAX_WRONG)).filter(|_| is_lone).find(is_back);
-        wrong.extend(row..back.unwrap_or(row));
+        // A right row may lie between wrong ones.
+        wrong.extend((row..back.unwrap_or(row)).filter(|other| !is_small(jump(row - 1, *other))));
         row = back.unwrap_or(row) + 1;
     }
     // From the first and the last row there is one jump alone.
-    let is_end = |own: usize, [one, two, three]: [usize; 3]| {
-        let far = jump(own.min(one), own.max(one));
-        is_far(own.max(one), far) && [jump(one, two), jump(two, three)].iter().all(|other| LONE * other <= far)
+    let is_end = |own: usize, beside: [usize; 3]| {
+        let far = jump(own, beside[0]);
+        let is_small = |pair: &[usize]| LONE * jump(pair[0], pair[1]) <= far;
+        is_far(own.max(beside[0]), far)
+            && beside.windows(2).all(is_small)
+            && !beside.iter().any(|row| wrong.contains(row))
     };
-    wrong.extend(is_end(0, [1, 2, 3]).then_some(0));
-    wrong.extend(is_end(last, [last - 1, last - 2, last - 3]).then_some(last));
+    let ends = [(0, [1, 2, 3]), (last, [last - 1, last - 2, last - 3])]
+        .map(|(own, beside)| is_end(own, beside).then_some(own));
+    wrong.extend(ends.into_iter().flatten());
     wrong
 }
 
@@ -69,7 +76,7 @@ fn between(from: &Row, to: &Row) -> UnitQuaternion<f64> {
     to.relative() * from.relative().inverse()
 }
 
-/// The motion of the reference without the rows that are not used, with a row at each node in its gaps. `rows` are those within the counts.
+/// The motion from the first to the last row that is used, with a row at each node in its gaps. `rows` are those within the counts.
 pub fn filled(
     rows: &[Row],
     counts: &AccumulatedCounts,
@@ -83,7 +90,7 @@ pub fn filled(
         !to.begins && (is_long || to.number > from.number + 1)
     };
     let mut gaps = used.windows(2).filter(|pair| is_gap(pair[0], pair[1])).peekable();
-    let mut unused = rows.iter().filter(|row| !row.is_used).map(|row| row.number).peekable();
+    let is_used = |number: usize| used.binary_search_by_key(&number, |row| row.number).is_ok();
     let mut unknown_s = reference.unknown_s().map(|gap| gap[1]).peekable();
     let (mut near, mut before, mut unknown) = (0, None, Vec::new());
     let mut all: Vec<AttitudeRow> = Vec::with_capacity(rows.len());
@@ -100,7 +107,7 @@ pub fn filled(
         let angle = Vector3::from(angle);
         let mut turned = angle - before.unwrap_or(angle);
         before = Some(angle);
-        if unused.next_if_eq(&number).is_some() {
+        if !is_used(number) {
             continue;
         }
         if let Some(pair) = gaps.next_if(|pair| pair[1].number == number) {
@@ -248,6 +255,39 @@ mod tests {
         own.rows[31].attitude = own.rows[30].attitude;
         own.rows[31].relative_arcsec = (late.inverse() * own.rows[31].relative()).scaled_axis() * ARCSEC_PER_RAD;
         assert!(left_out_s(&mut own).is_empty());
+    }
+
+    #[test]
+    fn right_rows_beside_wrong_ones_stay() {
+        for wrong in [vec![60, 62], vec![1, 2, 3], vec![197, 198, 199]] {
+            let times_s: Vec<f64> = (0..=NODES).map(|node| node as f64 * SAMPLE_INTERVAL_S).collect();
+            let expected_s: Vec<f64> = wrong.iter().map(|row| times_s[*row]).collect();
+            assert_eq!(left_out_s(&mut recorded(&times_s, &wrong)), expected_s);
+        }
+    }
+
+    #[test]
+    fn wrong_rows_at_the_ends_of_the_counts_leave_nothing_in_the_motion() {
+        for (late_s, wrong) in [(0.0, vec![4, 203]), (0.2, vec![4, 202])] {
+            let mut own = recorded(&times_s(late_s), &wrong);
+            assert_eq!(left_out_s(&mut own).len(), wrong.len());
+            let Recorded { reference, counts, gyros, rows } = &own;
+            let filled = filled(rows, counts, gyros, reference, SAMPLE_INTERVAL_S).expect("a motion");
+            let ends_s = [rows.first(), rows.last()].map(|row| row.expect("rows").t_s);
+            assert!(filled.start_s() >= ends_s[0] && filled.end_s() <= ends_s[1]);
+            let (first_arcsec, last_arcsec) = (filled.rows().next(), filled.rows().last());
+            let turned = Vector3::from(last_arcsec.expect("rows").1) - Vector3::from(first_arcsec.expect("rows").1);
+            // The wrong rows are 17000″ off.
+            assert!((turned.z - 200.0 * (filled.end_s() - filled.start_s())).abs() < 500.0, "{turned}");
+        }
+    }
+
+    #[test]
+    fn the_gap_before_a_part_stays_unknown_without_its_first_row() {
+        let mut own = recorded(&times_s(0.0), &[60]);
+        own.rows[56].begins = true;
+        assert!(leave_out_wrong(&mut own.rows, Vector3::repeat(SIGMA_ARCSEC)));
+        assert!(!own.rows[56].is_used && own.rows[57].is_used && own.rows[57].begins);
     }
 
     #[test]

@@ -76,9 +76,9 @@ impl ReferenceMotion {
         };
         let is_quiet = if is_coarse { (0..3).all(is_exact_about) } else { !is_white(&rows, block_s / spacing_s) };
         let given = ReferenceMotion { sigma, ..ReferenceMotion::default() };
+        let has_wrong = reference.is_attitude && leave_out_wrong(&mut rows, scale);
         if is_quiet && spacing_s <= MAX_SPACING * counts.interval_s {
             let has_gaps = moved.gaps_s().len() > moved.unknown_s().count();
-            let has_wrong = reference.is_attitude && leave_out_wrong(&mut rows, scale);
             if !has_wrong && !has_gaps {
                 return given;
             }
@@ -87,7 +87,7 @@ impl ReferenceMotion {
             let Some(mut rows) = relative_rows::rows(counts, &gyros, moved, sigma_arcsec) else { return given };
             leave_out_wrong(&mut rows, scale);
             let Some(motion) = filled(&rows, counts, &gyros, moved, spacing_s) else { return given };
-            let has_rows = has_rows(&rows, &counts.node_s, blocks, Some(spacing_s));
+            let has_rows = has_rows(&rows, &counts.node_s, blocks, true);
             return ReferenceMotion { motion: Some(motion), has_rows, glitches_s: glitches_s(&rows), ..given };
         }
         smooth(&mut rows, scale, block_s, is_coarse);
@@ -97,20 +97,27 @@ impl ReferenceMotion {
         let smoothed =
             SmoothedReference::new(&rows, along, (&matrix, &scale_factors), (scale, spacing_s / block_s), blocks);
         let Some(motion) = recorded(&counts.node_s, &angles, moved) else { return given };
-        let has_rows = has_rows(&rows, &counts.node_s, blocks, None);
+        let has_rows = has_rows(&rows, &counts.node_s, blocks, false);
         let (motion, smoothed) = (Some(motion), Some(smoothed));
         ReferenceMotion { motion, smoothed, has_rows, glitches_s: glitches_s(&rows), ..given }
     }
 }
 
-/// For each block true if it has a row, and no node farther than `beyond_s` before the first or after the last row.
-fn has_rows(rows: &[Row], node_s: &[f64], blocks: usize, beyond_s: Option<f64>) -> Vec<bool> {
-    let used = || rows.iter().filter(|row| row.is_used).map(|row| row.t_s);
-    let ends_s = used().next().zip(used().next_back()).unwrap_or((f64::INFINITY, f64::NEG_INFINITY));
-    let beyond_s = beyond_s.unwrap_or(f64::INFINITY);
-    let is_within = |node: usize| (ends_s.0 - beyond_s..=ends_s.1 + beyond_s).contains(&node_s[node]);
-    let has_row = |block: usize| of_block(rows, node_s, block).next().is_some() && nodes(block).all(is_within);
-    (0..blocks).map(has_row).collect()
+/// For each block true if it has a row; with `all_nodes`, and if all its nodes are between the first and the last row of a part of which all turns
+/// are known.
+fn has_rows(rows: &[Row], node_s: &[f64], blocks: usize, all_nodes: bool) -> Vec<bool> {
+    let ends_s = |part: &[Row]| {
+        let mut used_s = part.iter().filter(|row| row.is_used).map(|row| row.t_s);
+        let first_s = used_s.next()?;
+        Some([first_s, used_s.next_back().unwrap_or(first_s)])
+    };
+    let parts_s: Vec<[f64; 2]> = rows.chunk_by(|_, next| !next.begins).filter_map(ends_s).collect();
+    let is_within = |node: usize| {
+        let begun = parts_s.partition_point(|part_s| part_s[0] <= node_s[node]);
+        parts_s[..begun].last().is_some_and(|part_s| node_s[node] <= part_s[1])
+    };
+    let has_row = |block: usize| of_block(rows, node_s, block).next().is_some();
+    (0..blocks).map(|block| has_row(block) && (!all_nodes || nodes(block).all(is_within))).collect()
 }
 
 /// Times of the rows that are left out.

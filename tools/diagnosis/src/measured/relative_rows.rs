@@ -184,14 +184,15 @@ pub fn second_difference_sigma(rows: &[Row], axis: usize) -> f64 {
     median(&mut sizes) / MEDIAN_OF_NORMAL / 6f64.sqrt()
 }
 
-/// True if the rows differ from the gyros about an axis by noise: its differences from row to row change their sign. Those of a motion that a gyro
-/// does not sense last.
+/// True if the rows differ from the gyros about an axis by noise, of which neighbouring second differences have different signs. Those of a motion
+/// that a gyro does not sense, at a drift and scale factor that may be off, have the same.
 pub fn is_noisy(rows: &[Row], axis: usize) -> bool {
-    let of_pairs = |of: &dyn Fn(f64, f64) -> f64| {
-        let pairs = rows.windows(2).map(|pair| of(pair[0].beyond_arcsec[axis], pair[1].beyond_arcsec[axis]).abs());
+    let second = |own: &[Row]| own[1].beyond_arcsec[axis] - own[0].beyond_arcsec[axis];
+    let of_neighbours = |of: &dyn Fn(f64, f64) -> f64| {
+        let pairs = rows.windows(3).map(|own| of(second(&own[..2]), second(&own[1..])).abs());
         median(&mut pairs.collect::<Vec<_>>())
     };
-    of_pairs(&|one, next| one + next) < of_pairs(&|one, next| one - next)
+    of_neighbours(&|one, next| one + next) < of_neighbours(&|one, next| one - next)
 }
 
 /// True if the white noise of the relative attitude, averaged over the nodes of a block of that many rows, is a share of its walk over a block

@@ -42,7 +42,7 @@ pub fn smooth(rows: &mut [Row], scale: Vector3<f64>, block_s: f64, is_coarse: bo
     for row in rows.iter_mut() {
         let departure = row.departure();
         let limit = |axis: usize| (GLITCH_SIGMAS * scatter[axis] * row.sigma[axis]).max(GLITCH_ARCSEC);
-        row.is_used = (0..3).all(|axis| departure[axis].abs() <= limit(axis));
+        row.is_used &= (0..3).all(|axis| departure[axis].abs() <= limit(axis));
     }
     by_lines(rows, Some(scale), (block_s, reaches));
 }

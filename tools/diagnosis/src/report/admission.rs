@@ -16,17 +16,18 @@ pub struct SquaredGap {
     pub reduced_chi2: f64,
 }
 
+const LARGER_GAP: &str = "it makes the gap larger";
 /// Growth of the squared gap by one entry that refuses it whatever χ² does, as a share of the gap as configured, if noise does not cause it:
 /// the residual of a true effect with a well-determined amplitude grows by its own error only.
 const LARGER: f64 = 0.1;
-/// Squared gap with all entries, as a multiple of the one as configured, from which every entry that makes it larger is refused.
+/// Squared gap with all entries, as a multiple of the one as configured, above which noise does not excuse the entry with the largest growth.
 const TWICE_AS_WIDE: f64 = 4.0;
 /// Growth of the squared gap, as a share, that is none: an effect of the times hardly moves the angles.
 const EQUAL: f64 = 0.01;
 
 /// Removes the entries that may not be stated: one below its own threshold, a changed calibration of a gyro left unexplained, and one
 /// that makes the gap larger beside all others, by [`LARGER`] and more than `by_noise` from those without it to all, by [`EQUAL`] with χ²,
-/// or where the gap with all of them is [`TWICE_AS_WIDE`].
+/// or the most, by [`LARGER`] or more, where the gap with all of them is [`TWICE_AS_WIDE`].
 ///
 /// The gyros of a refused effect are unexplained.
 pub fn refuse(
@@ -62,19 +63,26 @@ fn first_refused(
         .or_else(|| {
             let all: Vec<&DiagnosedEffect> = entries.iter().collect();
             let (with, configured) = (gap(&all), gap(&[]));
+            let others = |entry: &DiagnosedEffect| -> Vec<&DiagnosedEffect> {
+                entries.iter().filter(|other| !std::ptr::eq(*other, entry)).collect()
+            };
+            let is_larger_by_a_tenth = |growth: f64| growth > LARGER * configured.squares;
+            let is_twice = with.squares > TWICE_AS_WIDE * configured.squares;
+            let judged = entries.iter().enumerate().filter(|own| is_twice && own.1.chi2.is_some());
+            let most = judged.map(|(index, own)| (index, with.squares - gap(&others(own)).squares));
+            let most = most.max_by(|one, other| one.1.total_cmp(&other.1)).filter(|own| is_larger_by_a_tenth(own.1));
+            if let Some((index, _)) = most {
+                return Some((index, LARGER_GAP));
+            }
             // The corrections of an exact check are in the data already.
             let is_harmful = |entry: &DiagnosedEffect| {
-                let others: Vec<&DiagnosedEffect> =
-                    entries.iter().filter(|other| !std::ptr::eq(*other, entry)).collect();
-                let without = gap(&others);
+                let without = gap(&others(entry));
                 let growth = with.squares - without.squares;
                 let is_larger = growth > EQUAL * without.squares && without.reduced_chi2 < with.reduced_chi2;
-                let is_twice = with.squares > TWICE_AS_WIDE * configured.squares;
-                let is_much_larger =
-                    || growth > LARGER * configured.squares && (is_twice || growth > by_noise(&others, &all));
+                let is_much_larger = || is_larger_by_a_tenth(growth) && growth > by_noise(&others(entry), &all);
                 entry.chi2.is_some() && (is_larger || is_much_larger())
             };
-            of("it makes the gap larger", &is_harmful)
+            of(LARGER_GAP, &is_harmful)
         })
 }
 
@@ -153,6 +161,17 @@ mod tests {
             };
             refuse(&mut entries, &mut Gyros::default(), gap, |_, _| f64::INFINITY);
             assert_eq!(entries.len(), stated);
+        }
+        // One that noise excuses stays beside the one that makes the gap twice as wide, in either order.
+        for codes in [["small", "large"], ["large", "small"]] {
+            let mut entries: Vec<DiagnosedEffect> =
+                codes.iter().map(|code| entry(code, 2, Class::MissingEffect, 50.0)).collect();
+            let gap = |entries: &[&DiagnosedEffect]| {
+                let of = |entry: &&DiagnosedEffect| if entry.code == "large" { 40.0 } else { 2.0 };
+                SquaredGap { squares: 10.0 + entries.iter().map(of).sum::<f64>(), reduced_chi2: 1.0 }
+            };
+            refuse(&mut entries, &mut Gyros::default(), gap, |_, _| 5.0);
+            assert_eq!(entries.iter().map(|entry| &entry.code).collect::<Vec<_>>(), ["small"]);
         }
     }
 
