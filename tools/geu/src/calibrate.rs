@@ -3,6 +3,7 @@
 use clap::Args;
 use geu_calibration::absolute::AbsoluteData;
 use geu_calibration::compare::MIN_PROBABILITY;
+use geu_calibration::solve::Solution;
 use geu_calibration::{
     AccumulatedCounts, AttitudeSource, Calibrated, Comparison, CountsReader, DeviceCountsReader, DeviceRecording,
     PreviousCalibration, calibrate, calibrate_described, report,
@@ -54,7 +55,7 @@ pub struct Arguments {
     /// Write the configuration with the solved values, comments kept; with --compare the merged ones, if all are compatible
     #[arg(long, value_name = "CONFIG")]
     out: Option<OutputFile>,
-    /// Write --out even though the parameters do not explain the data
+    /// Write --out even though the parameters do not explain the data, or are not determined by them
     #[arg(long, requires = "out", conflicts_with = "update")]
     anyway: bool,
     /// Earlier calibrations of this unit, as `--json` wrote them from other recordings: compare, and merge if compatible
@@ -209,7 +210,7 @@ fn report_results(
     if let Some(comparison) = &comparison {
         say!("\n{}", comparison_table(earlier, comparison))?;
     }
-    let Some(why) = doubt(calibrated) else { return Ok(()) };
+    let Some(why) = doubt(calibrated, comparison.as_ref()) else { return Ok(()) };
     match &arguments.out {
         Some(file) if !arguments.anyway => {
             return Err(CommandError::failed(format!("{why}; {file} is not written without --anyway")));
@@ -220,10 +221,16 @@ fn report_results(
     Ok(())
 }
 
+/// The solution that is written: the merged one, if all are compatible.
+fn written<'a>(calibrated: &'a Calibrated, comparison: Option<&'a Comparison>) -> &'a Solution {
+    let merged = comparison.filter(|comparison| comparison.is_compatible());
+    merged.map_or(&calibrated.solution, |comparison| &comparison.combined)
+}
+
 /// Why a calibration is not written without `--anyway`.
-fn doubt(Calibrated { solution, .. }: &Calibrated) -> Option<String> {
-    let probability = solution.probability();
-    if solution.determined().is_empty() {
+fn doubt(calibrated: &Calibrated, comparison: Option<&Comparison>) -> Option<String> {
+    let probability = calibrated.solution.probability();
+    if written(calibrated, comparison).determined().is_empty() {
         return Some(
             "these data determine no calibration parameter; expected a longer recording with turns about each axis"
                 .to_owned(),
@@ -250,9 +257,8 @@ fn write_results(
         }
         outputs.push((file, format!("{json:#}\n")));
     }
-    if let Some(file) = arguments.out.as_ref().filter(|_| doubt(calibrated).is_none() || arguments.anyway) {
-        let merged = comparison.filter(|comparison| comparison.is_compatible());
-        let solution = merged.map_or(&calibrated.solution, |comparison| &comparison.combined);
+    if let Some(file) = arguments.out.as_ref().filter(|_| doubt(calibrated, comparison).is_none() || arguments.anyway) {
+        let solution = written(calibrated, comparison);
         outputs.push((file, settings.edited(report::overrides(solution.determined(), &solution.calibrations))?));
     }
     if let Some(file) = &arguments.evaluation.html {

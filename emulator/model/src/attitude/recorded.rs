@@ -30,7 +30,7 @@ pub enum AttitudeRowsError {
     #[error("expected at least 3 rows after the first, got {0}")]
     TooFew(usize),
     /// Time that does not rise.
-    #[error("expected time to rise, got {t_s} s after {before_s} s since the first row")]
+    #[error("expected time to rise, got {t_s} s since the first row after a row at {before_s} s")]
     NotRising {
         index: usize,
         t_s: f64,

@@ -162,7 +162,7 @@ mod tests {
             refuse(&mut entries, &mut Gyros::default(), gap, |_, _| f64::INFINITY);
             assert_eq!(entries.len(), stated);
         }
-        // One that noise excuses stays beside the one that makes the gap twice as wide, in either order.
+        // An entry excused by noise stays beside another that makes the gap twice as wide, in either order.
         for codes in [["small", "large"], ["large", "small"]] {
             let mut entries: Vec<DiagnosedEffect> =
                 codes.iter().map(|code| entry(code, 2, Class::MissingEffect, 50.0)).collect();

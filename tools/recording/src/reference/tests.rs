@@ -202,7 +202,7 @@ fn errors_of_other_columns_name_line_and_column() {
         (format!("{turns}\n0,1,0,0,0\n2,2,0,0,0\n"), "line 3: start_s: expected a start before the end, got \"2\""),
         (
             format!("{turns}\n0,1,0,0,0\n0.5,2,0,0,0\n2,3,0,0,0\n"),
-            "line 3: expected time to rise, got -0.5 s after 0 s",
+            "line 3: expected time to rise, got -0.5 s since the first row after a row at 0 s",
         ),
         (format!("{turns}\n0,1,0,0,0\n1,2,0,0,inf\n"), "line 3: angle_z_deg: expected a number, got \"inf\""),
         (
