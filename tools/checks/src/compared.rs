@@ -24,10 +24,10 @@ const SLOW_S: f64 = 2.0;
 const STEADY_ARCSEC_S: f64 = 16.0;
 /// Turn to the first of some wrong rows, beyond the motion before, arcsec: above the noise of a reference.
 const GLITCH_ARCSEC: f64 = 50.0;
-/// Minimum ratio of that turn to what is left of it after the last wrong row, and to the changes of the motion beside them.
-const LONE: f64 = 4.0;
+/// Minimum ratio of the jump to a wrong row of a reference to the jumps beside it, and to what is left of it after the last wrong row.
+pub const LONE: f64 = 4.0;
 /// Maximum number of wrong rows in succession.
-const MAX_WRONG: usize = 8;
+pub const MAX_WRONG: usize = 8;
 /// Spacings of rows beside a gap or such rows in which the spline through it is not the motion: the kink decays by 3.7 from row to row.
 const BESIDE_GAP: f64 = 10.0;
 /// Intervals beside each other that may overlap a sample.

@@ -33,6 +33,7 @@ use geu_recording::{Defect, ReceivedSample, ReferenceAttitude};
 
 pub use alignment::Alignment;
 use compared::CountComparison;
+pub use compared::{LONE, MAX_WRONG};
 pub use finding::Finding;
 use findings::FindingCollector;
 pub use heads::{HeadCheck, check_heads};

@@ -3,6 +3,7 @@
 //! The rows stay as they are, but for wrong ones. In a gap the attitude relative to that by the gyros changes evenly from the row before to the row after.
 
 use geu_calibration::AccumulatedCounts;
+use geu_checks::{LONE, MAX_WRONG};
 use geu_model::attitude::{AttitudeRow, GAP_SPACINGS, RecordedAttitude, Sun};
 use geu_model::units::ARCSEC_PER_RAD;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -10,10 +11,6 @@ use nalgebra::{UnitQuaternion, Vector3};
 use super::reference_motion::{GLITCH_ARCSEC, GLITCH_SIGMAS};
 use super::relative_rows::{GyroMotion, Row};
 
-/// Minimum ratio of the jump to a wrong row to the jumps beside it, and to the distance between the rows before and after the wrong ones.
-const LONE: f64 = 4.0;
-/// Maximum number of wrong rows in succession.
-const MAX_WRONG: usize = 8;
 /// Jump as a share of the change of the gyros' turn from row to row, up to which it may be an error of the interpolation between nodes, or of a
 /// gyro that repeats a sample.
 const BEND: f64 = 1.0;
@@ -129,7 +126,8 @@ pub fn filled(
             turned = (attitude.inverse() * to.absolute()).scaled_axis() * ARCSEC_PER_RAD;
         }
         while unknown_s.next_if(|end_s| *end_s <= t_s).is_some() {
-            unknown.push(all.len());
+            // Before the first row nothing is known anyway.
+            unknown.extend((!all.is_empty()).then_some(all.len()));
         }
         all.push(row(t_s, turned, sun(t_s)));
     }
@@ -171,6 +169,11 @@ mod tests {
     }
 
     fn recorded(times_s: &[f64], wrong: &[usize]) -> Recorded {
+        recorded_in_parts(times_s, wrong, Vec::new())
+    }
+
+    /// The same with an unknown turn before these rows.
+    fn recorded_in_parts(times_s: &[f64], wrong: &[usize], unknown: Vec<usize>) -> Recorded {
         let own = |row: usize| if wrong.contains(&row) { turn(Vector3::repeat(1e4)) } else { attitude(times_s[row]) };
         let mut before = own(0);
         let row = |row: usize| {
@@ -179,7 +182,8 @@ mod tests {
             let theta_psi_rad = Some((1.0, 3.1 + 1e-3 * times_s[row]));
             AttitudeRow { t_s: times_s[row], angle_control_arcsec: turned.into(), theta_psi_rad }
         };
-        let reference = RecordedAttitude::with_gaps((0..times_s.len()).map(row).collect()).expect("rows");
+        let rows = (0..times_s.len()).map(row).collect();
+        let reference = RecordedAttitude::with_unknown_turns(rows, unknown, &[], true).expect("rows");
         let nominal = Configuration::reference();
         let matrix = sensing_matrix(&nominal);
         let mut counts = AccumulatedCounts::starting_at(0);
@@ -288,6 +292,11 @@ mod tests {
         own.rows[56].begins = true;
         assert!(leave_out_wrong(&mut own.rows, Vector3::repeat(SIGMA_ARCSEC)));
         assert!(!own.rows[56].is_used && own.rows[57].is_used && own.rows[57].begins);
+        // One lies before the counts, and one within them.
+        let own = recorded_in_parts(&times_s(0.0), &[], vec![2, 60]);
+        let Recorded { reference, counts, gyros, rows } = &own;
+        let filled = filled(rows, counts, gyros, reference, SAMPLE_INTERVAL_S).expect("a motion");
+        assert_eq!(filled.gaps_s(), [[27.5, 28.0]]);
     }
 
     #[test]

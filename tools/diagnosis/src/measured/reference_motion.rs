@@ -85,7 +85,9 @@ impl ReferenceMotion {
             // At a jump of the rate the motion without rounding is off.
             let gyros = GyroMotion::new(counts, moved, &matrix, nominal, false);
             let Some(mut rows) = relative_rows::rows(counts, &gyros, moved, sigma_arcsec) else { return given };
-            leave_out_wrong(&mut rows, scale);
+            if !leave_out_wrong(&mut rows, scale) && !has_gaps {
+                return given;
+            }
             let Some(motion) = filled(&rows, counts, &gyros, moved, spacing_s) else { return given };
             let has_rows = has_rows(&rows, &counts.node_s, blocks, true);
             return ReferenceMotion { motion: Some(motion), has_rows, glitches_s: glitches_s(&rows), ..given };
