@@ -20,15 +20,12 @@ const BESIDE: f64 = 0.5;
 /// Leaves out the rows that jump away from the attitude before and come back; returns true if there are any. The sigma of a row is `scale` times
 /// the stated one.
 pub fn leave_out_wrong(rows: &mut [Row], scale: Vector3<f64>) -> bool {
-    let mut found = false;
     for part in rows.chunk_by_mut(|_, next| !next.begins) {
-        let wrong = wrong_rows(part, scale);
-        found |= !wrong.is_empty();
-        wrong.into_iter().for_each(|row| part[row].is_used = false);
+        wrong_rows(part, scale).into_iter().for_each(|row| part[row].is_used = false);
         let begins = part.first().is_some_and(|first| first.begins);
         part.iter_mut().find(|row| row.is_used).into_iter().for_each(|first| first.begins = begins);
     }
-    found
+    rows.iter().any(|row| !row.is_used)
 }
 
 /// Indices of the wrong rows of a part of which all turns are known.
@@ -172,7 +169,7 @@ mod tests {
         recorded_in_parts(times_s, wrong, Vec::new())
     }
 
-    /// The same with an unknown turn before these rows.
+    /// A recording with unknown turns before some rows.
     fn recorded_in_parts(times_s: &[f64], wrong: &[usize], unknown: Vec<usize>) -> Recorded {
         let own = |row: usize| if wrong.contains(&row) { turn(Vector3::repeat(1e4)) } else { attitude(times_s[row]) };
         let mut before = own(0);
