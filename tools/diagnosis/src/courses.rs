@@ -156,6 +156,11 @@ pub fn shortest_s(role: Role, block_s: f64) -> Option<f64> {
     matches!(role, Role::TimeConstant | Role::Duration).then_some(SHORTEST * block_s)
 }
 
+/// True if a kind of [`COURSES`] has a shape parameter with this role.
+fn has(kind: usize, role: Role) -> bool {
+    COURSES[kind].shapes.iter().any(|number| number.role == role)
+}
+
 /// True if a shape parameter is an onset.
 pub fn is_onset(number: &ParameterSpec) -> bool {
     number.role == Role::Onset
@@ -174,6 +179,8 @@ pub struct Courses {
     start_s: f64,
     /// Searched onsets of steps of a rate.
     rate_steps: usize,
+    /// Memory of the whitening filter for a rate.
+    memory_s: f64,
     /// Values of the grid's courses of time alone, from the first block on, once they were asked for.
     grid: Arc<HashMap<Key, OnceLock<Vec<f64>>>>,
 }
@@ -187,8 +194,9 @@ impl Courses {
         let reference_c = configuration.electronics.numbers.reference_c;
         let excess_k = measured.electronics_c().iter().map(|electronics_c| electronics_c - reference_c).collect();
         let all = Courses { start_s: measured.start_s, ..Courses::at(excess_k, measured.block_s()) };
-        let finer = (all.duration_s() / ONSETS as f64 / memory_s(configuration)).ceil().clamp(1.0, MAX_FINER);
-        Courses { rate_steps: finer as usize * ONSETS, ..all }
+        let memory_s = memory_s(configuration);
+        let finer = (all.duration_s() / ONSETS as f64 / memory_s).ceil().clamp(1.0, MAX_FINER);
+        Courses { rate_steps: finer as usize * ONSETS, memory_s, ..all }
     }
 
     /// With a cache of the values on the grid.
@@ -211,7 +219,15 @@ impl Courses {
             (excess_k[to] - excess_k[from]) / (to.max(from + 1) - from) as f64 / block_s * S_PER_H
         };
         let rate_k_per_h = (0..excess_k.len()).map(rate).collect();
-        Courses { rate_k_per_h, excess_k, block_s, start_s: 0.0, rate_steps: ONSETS, grid: Arc::default() }
+        Courses {
+            rate_k_per_h,
+            excess_k,
+            block_s,
+            start_s: 0.0,
+            rate_steps: ONSETS,
+            memory_s: f64::INFINITY,
+            grid: Arc::default(),
+        }
     }
 
     /// Blocks of the recording.
@@ -225,29 +241,40 @@ impl Courses {
         let last = self.blocks().saturating_sub(1) as f64;
         let source = |block: usize| (block as f64 + temperature_s / self.block_s).round().clamp(0.0, last) as usize;
         let excess_k = (0..self.blocks()).map(|block| self.excess_k[source(block)]).collect();
-        let Courses { ref grid, block_s, start_s, rate_steps, .. } = *self;
-        Courses { grid: grid.clone(), start_s, rate_steps, ..Courses::at(excess_k, block_s) }
+        let Courses { excess_k, rate_k_per_h, .. } = Courses::at(excess_k, self.block_s);
+        Courses { excess_k, rate_k_per_h, ..self.clone() }
     }
 
     /// Searched time courses of a kind of [`COURSES`], waves at phase 0.
     pub fn variations(&self, kind: usize, mode: Mode) -> Vec<Variation> {
-        let has = |role: Role| COURSES[kind].shapes.iter().any(|number| number.role == role);
-        let (settles, ends) = (has(Role::TimeConstant), has(Role::Duration));
-        let onsets = match mode {
-            Mode::Rate if settles => 0..SETTLING_ONSETS,
-            Mode::Level if settles => 0..2 * ONSETS,
-            Mode::Level if !ends => 1..SUDDEN_ONSETS,
-            Mode::Rate if kind == STEP => 1..self.rate_steps,
-            _ => 1..ONSETS,
-        };
+        let onsets = self.onsets(kind, mode);
         let mut all: Vec<Vec<f64>> = vec![vec![]];
         for number in COURSES[kind].shapes {
             let values = self.shape_values(number, onsets.clone());
             all = all.iter().flat_map(|before| values.iter().map(|value| [&before[..], &[*value]].concat())).collect();
         }
-        let is_inside = |shapes: &Vec<f64>| !ends || shapes.iter().sum::<f64>() < self.duration_s() - self.block_s;
+        let is_inside = |shapes: &Vec<f64>| {
+            !has(kind, Role::Duration) || shapes.iter().sum::<f64>() < self.duration_s() - self.block_s
+        };
         let all = all.into_iter().filter(is_inside).map(|shapes| Variation::Course { kind, shapes });
         all.filter(|variation| variation.is_of_time() || self.varies(mode, variation)).collect()
+    }
+
+    /// Searched onsets of a kind, in parts of the recording.
+    fn onsets(&self, kind: usize, mode: Mode) -> Range<usize> {
+        match mode {
+            Mode::Rate if has(kind, Role::TimeConstant) => 0..SETTLING_ONSETS,
+            Mode::Level if has(kind, Role::TimeConstant) => 0..2 * ONSETS,
+            Mode::Level if !has(kind, Role::Duration) => 1..SUDDEN_ONSETS,
+            Mode::Rate if kind == STEP => 1..self.rate_steps,
+            _ => 1..ONSETS,
+        }
+    }
+
+    /// Independent onsets of a rate for each searched one of a kind, 1 or more: those that the filter's memory separates.
+    pub fn independent_onsets(&self, kind: usize) -> f64 {
+        let spacing_s = self.duration_s() / self.onsets(kind, Mode::Rate).end as f64;
+        if has(kind, Role::Onset) { (spacing_s / self.memory_s).max(1.0) } else { 1.0 }
     }
 
     /// False for a course of the temperature that is a constant in this recording: the amplitude without a course explains the same.
@@ -348,53 +375,4 @@ pub fn put(series: &[f64], mode: Mode, course: Option<&[f64]>, blocks: Range<usi
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn cached_courses_equal_computed_courses() {
-        let excess_k: Vec<f64> = (0..500).map(|block| (block as f64 * 0.01).sin()).collect();
-        let none = Courses::at(excess_k, 5.0);
-        let own = none.clone().with_grid();
-        let late = own.late(150.0);
-        for mode in [Mode::Rate, Mode::Level] {
-            let (mut cached, mut followers) = (0, 0);
-            for variation in (0..COURSES.len()).flat_map(|kind| none.variations(kind, mode)) {
-                let blocks = variation.first_block(5.0).max(30)..500;
-                let values = none.values(mode, &variation, blocks.clone());
-                let kept = own.values(mode, &variation, blocks.clone());
-                assert_eq!(kept, values, "{variation:?}");
-                assert_eq!(matches!(kept, Some(Cow::Borrowed(_))), variation.is_of_time(), "{variation:?}");
-                cached += usize::from(variation.is_of_time());
-                if let (Some(decay), Some(values)) = (variation.decay(5.0), &values) {
-                    let after_onset = &values[(variation.first_block(5.0) + 2).saturating_sub(blocks.start)..];
-                    assert!(
-                        after_onset.windows(2).all(|pair| (pair[1] - decay * pair[0]).abs() < 1e-12),
-                        "{variation:?}"
-                    );
-                }
-                // Only the courses that follow the temperature depend on its delay.
-                if late.values(mode, &variation, blocks) != values {
-                    assert_eq!(late.values(mode, &variation, 30..200), none.values(mode, &variation, 60..230));
-                    followers += 1;
-                }
-            }
-            assert!(cached > 100 && followers == 2, "{cached} {followers}");
-        }
-    }
-    #[test]
-    fn a_steady_temperature_has_no_course() {
-        let courses = |excess_k: fn(usize) -> f64| {
-            let all = Courses::at((0..500).map(excess_k).collect(), 5.0);
-            let of_kind = |kind| all.variations(kind, Mode::Rate);
-            (0..COURSES.len()).flat_map(of_kind).filter(|variation| !variation.is_of_time()).count()
-        };
-        assert_eq!(courses(|_| 50.0), 0);
-        assert_eq!(courses(|_| 0.0), 0);
-        // A step.
-        assert_eq!(courses(|block| 50.0 + (block / 250) as f64), 2);
-        assert_eq!(courses(|block| 50.0 + 4e-5 * (block * block) as f64), 2);
-        // A constant rate of change.
-        assert_eq!(courses(|block| 50.0 + 0.01 * block as f64), 1);
-    }
-}
+mod tests;

@@ -2,12 +2,14 @@
 //!
 //! A null recording consists of the model's counts along the reference with new random walks and rounding, and a drift rate slightly off
 //! its nominal value. The largest gain in each family of hypotheses follows a Gumbel distribution. Its upper percentile is the
-//! threshold; the families share the false alarm rate equally.
+//! threshold; the families share the false alarm rate equally. In a long recording the optimised onsets are as many more trials as are
+//! independent between two onsets of the grid: the largest of n values of χ² grows by 2 ln n.
 
 use std::cmp::Reverse;
 
 use geu_model::device::Head;
 use geu_model::noise::{Flicker, NoiseStream};
+use geu_model::time_profile::COURSES;
 use geu_model::units::{PPM, S_PER_H};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -105,6 +107,10 @@ pub fn thresholds(
         },
     );
     let mut chi2 = limits(&largest);
+    // The search optimises onsets between those of the grid, on which the null recordings are searched.
+    for kind in 0..COURSES.len() {
+        chi2[HypothesisFamily::of_kind(kind).0] += 2.0 * bank.independent_onsets(kind).ln();
+    }
     let falls = largest_walks(case, noise, &raw);
     chi2[HypothesisFamily::NOISE.0] = quantile(&falls, FALSE_ALARM_RATE).unwrap_or(0.0).max(MIN_NOISE_CHI2);
     Thresholds { chi2, whiteness_statistic: quantile(&whiteness, FALSE_REJECTION_RATE).unwrap_or(1.0) }

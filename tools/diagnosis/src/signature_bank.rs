@@ -287,6 +287,11 @@ impl SignatureBank {
         }
     }
 
+    /// Independent onsets of a rate for each searched one of a kind of [`COURSES`], 1 or more.
+    pub fn independent_onsets(&self, kind: usize) -> f64 {
+        self.courses.independent_onsets(kind)
+    }
+
     /// All gyros of the unit.
     pub fn gyros(&self) -> Gyros {
         self.gyros
