@@ -271,10 +271,13 @@ impl Courses {
         }
     }
 
-    /// Independent onsets of a rate for each searched one of a kind, 1 or more: those that the filter's memory separates.
-    pub fn independent_onsets(&self, kind: usize) -> f64 {
+    /// Independent time courses of a rate for each searched one of a kind, 1 or more: the filter's memory, of a block or more, separates
+    /// onsets, and ends.
+    pub fn independent_courses(&self, kind: usize) -> f64 {
         let spacing_s = self.duration_s() / self.onsets(kind, Mode::Rate).end as f64;
-        if has(kind, Role::Onset) { (spacing_s / self.memory_s).max(1.0) } else { 1.0 }
+        let separate = (spacing_s / self.memory_s.max(self.block_s)).max(1.0);
+        let ends = [Role::Onset, Role::Duration].into_iter().filter(|role| has(kind, *role));
+        ends.map(|_| separate).product()
     }
 
     /// False for a course of the temperature that is a constant in this recording: the amplitude without a course explains the same.

@@ -2,8 +2,8 @@
 //!
 //! A null recording consists of the model's counts along the reference with new random walks and rounding, and a drift rate slightly off
 //! its nominal value. The largest gain in each family of hypotheses follows a Gumbel distribution. Its upper percentile is the
-//! threshold; the families share the false alarm rate equally. In a long recording the optimised onsets are as many more trials as are
-//! independent between two onsets of the grid: the largest of n values of χ² grows by 2 ln n.
+//! threshold; the families share the false alarm rate equally. A null recording is searched on the grid only. The search of a long recording,
+//! which optimises onsets and ends, tries n independent courses for each of the grid: the largest of n values of χ² grows by 2 ln n.
 
 use std::cmp::Reverse;
 
@@ -107,9 +107,8 @@ pub fn thresholds(
         },
     );
     let mut chi2 = limits(&largest);
-    // The search optimises onsets between those of the grid, on which the null recordings are searched.
     for kind in 0..COURSES.len() {
-        chi2[HypothesisFamily::of_kind(kind).0] += 2.0 * bank.independent_onsets(kind).ln();
+        chi2[HypothesisFamily::of_kind(kind).0] += 2.0 * bank.independent_courses(kind).ln();
     }
     let falls = largest_walks(case, noise, &raw);
     chi2[HypothesisFamily::NOISE.0] = quantile(&falls, FALSE_ALARM_RATE).unwrap_or(0.0).max(MIN_NOISE_CHI2);
@@ -296,3 +295,6 @@ fn gumbel(values: &[f64]) -> Option<(f64, f64)> {
     let scale = (6.0 * variance).sqrt() / std::f64::consts::PI;
     (scale > 0.0).then_some((mean - EULER * scale, scale))
 }
+
+#[cfg(test)]
+mod tests;

@@ -206,16 +206,21 @@ pub(crate) mod tests {
 
     /// Half an hour of turns about all axes, with a lost sample.
     pub(crate) fn measured(nominal: &Configuration) -> MeasuredData {
+        measured_of(nominal, 3600)
+    }
+
+    /// So many samples of that.
+    pub(crate) fn measured_of(nominal: &Configuration, nodes: usize) -> MeasuredData {
         let row = |node: usize| AttitudeRow {
             t_s: node as f64 * SAMPLE_INTERVAL_S,
             angle_control_arcsec: [200, 310, 170]
                 .map(|nodes| if (node / nodes).is_multiple_of(2) { 3.0 } else { -50.0 }),
             theta_psi_rad: Some((1.5, 0.0)),
         };
-        let rows: Vec<AttitudeRow> = (0..=3600).map(row).collect();
+        let rows: Vec<AttitudeRow> = (0..=nodes).map(row).collect();
         let truth = Arc::new(RecordedAttitude::new(rows).expect("a truth"));
         let mut counts = AccumulatedCounts::starting_at(0);
-        (1..=3600).for_each(|node| counts.push(node as f64 * SAMPLE_INTERVAL_S, &[0.0; 4], 20.0 + node as f64 * 1e-3));
+        (1..=nodes).for_each(|node| counts.push(node as f64 * SAMPLE_INTERVAL_S, &[0.0; 4], 20.0 + node as f64 * 1e-3));
         counts.breaks = vec![Discontinuity { from: 1800, to: 1801, gyros: Gyros::ALL, kind: BreakKind::Gap(1) }];
         let reference = ReferenceAttitude::of_truth(0, truth);
         MeasuredData::new(counts, &reference, nominal).expect("long enough")

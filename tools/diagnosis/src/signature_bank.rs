@@ -287,9 +287,9 @@ impl SignatureBank {
         }
     }
 
-    /// Independent onsets of a rate for each searched one of a kind of [`COURSES`], 1 or more.
-    pub fn independent_onsets(&self, kind: usize) -> f64 {
-        self.courses.independent_onsets(kind)
+    /// Independent time courses of a rate for each searched one of a kind of [`COURSES`], 1 or more.
+    pub fn independent_courses(&self, kind: usize) -> f64 {
+        self.courses.independent_courses(kind)
     }
 
     /// All gyros of the unit.

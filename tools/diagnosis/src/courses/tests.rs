@@ -1,4 +1,4 @@
-//! Courses of a cache, of a steady temperature, and independent onsets.
+//! Courses of a cache, of a steady temperature, and of long recordings.
 
 use super::*;
 
@@ -49,12 +49,17 @@ fn a_steady_temperature_has_no_course() {
 
 #[test]
 fn the_memory_of_the_noise_separates_onsets_in_long_recordings() {
-    let courses = |blocks: usize| Courses { memory_s: 300.0, ..Courses::at(vec![0.0; blocks], 10.0) };
-    let kind = |name: &str| COURSES.iter().position(|own| own.name == name).expect("a course");
-    let [hours, day] = [1080, 8640].map(courses);
-    let of = |courses: &Courses, name: &str| courses.independent_onsets(kind(name));
-    assert_eq!(of(&hours, "-pulse"), 1.0);
-    assert_eq!(of(&day, "-pulse"), 4.5);
-    assert_eq!(of(&day, "-settling"), 9.0);
-    assert_eq!(of(&day, "-ramp"), 1.0);
+    let courses = |blocks: usize, memory_s: f64| Courses { memory_s, ..Courses::at(vec![0.0; blocks], 10.0) };
+    let of = |courses: Courses, name: &str| {
+        courses.independent_courses(COURSES.iter().position(|own| own.name == name).expect("a course"))
+    };
+    let [hours, day] = [1080, 8640];
+    assert_eq!(of(courses(hours, 300.0), "-pulse"), 1.0);
+    // Onsets every 1350 s, and as many ends.
+    assert_eq!(of(courses(day, 300.0), "-pulse"), 4.5 * 4.5);
+    assert_eq!(of(courses(day, 300.0), "-settling"), 9.0);
+    assert_eq!(of(courses(day, 300.0), "-ramp"), 1.0);
+    // An onset within a block is not resolved.
+    assert_eq!(of(courses(day, 0.1), "-settling"), 270.0);
+    assert_eq!(of(courses(day, f64::INFINITY), "-settling"), 1.0);
 }
