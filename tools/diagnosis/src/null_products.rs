@@ -209,7 +209,7 @@ pub(crate) mod tests {
         measured_of(nominal, 3600)
     }
 
-    /// So many samples of that.
+    /// That of a number of samples.
     pub(crate) fn measured_of(nominal: &Configuration, nodes: usize) -> MeasuredData {
         let row = |node: usize| AttitudeRow {
             t_s: node as f64 * SAMPLE_INTERVAL_S,

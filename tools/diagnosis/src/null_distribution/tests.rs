@@ -15,7 +15,7 @@ const SEEDS: [u64; 2] = [1, 3_000_000];
 /// of the scale: 1.645 + 5.41² × 1.1 + 2 × 5.41 × 0.731, of mean, scale and both (skewness 1.14, kurtosis 5.4).
 const QUANTILE_VARIANCE: f64 = 41.8;
 
-/// Score of the best candidate in each null recording of so many samples.
+/// Score of the best candidate in each null recording of this number of samples.
 fn scores(nominal: &Configuration, samples: usize) -> Vec<f64> {
     let measured = measured_of(nominal, samples);
     let case = DiagnosisCase::new(&measured, nominal);
