@@ -271,7 +271,7 @@ impl Courses {
         }
     }
 
-    /// Independent time courses of a rate for each searched one of a kind, 1 or more: the filter's memory, of a block or more, separates
+    /// Independent time courses of a rate for each searched course of a kind, 1 or more: the filter's memory, of a block or more, separates
     /// onsets, and ends.
     pub fn independent_courses(&self, kind: usize) -> f64 {
         let spacing_s = self.duration_s() / self.onsets(kind, Mode::Rate).end as f64;

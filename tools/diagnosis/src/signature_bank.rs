@@ -287,7 +287,7 @@ impl SignatureBank {
         }
     }
 
-    /// Independent time courses of a rate for each searched one of a kind of [`COURSES`], 1 or more.
+    /// Independent time courses of a rate for each searched course of a kind of [`COURSES`], 1 or more.
     pub fn independent_courses(&self, kind: usize) -> f64 {
         self.courses.independent_courses(kind)
     }

@@ -1,4 +1,4 @@
-//! False alarms of the whole search, on null recordings other than those of the thresholds.
+//! False alarms of the whole search, on other null recordings than the thresholds use.
 
 use super::*;
 
