@@ -13,10 +13,13 @@ const INTERFACE: u32 = 1;
 const ENHANCED_PACKET: u32 = 6;
 const MAGIC: u32 = 0x1A2B_3C4D;
 const SOCKETCAN: u16 = 227;
+/// Bytes that are written at once.
+const PART: usize = 1 << 20;
 
 /// A log of samples as the unit sends them, the same samples as serial frames, and the same frames as pcapng.
 pub fn write(log: &Path, bin: &Path, pcapng: &Path, lines: u64) -> io::Result<()> {
-    let create = |path| File::create(path).map(BufWriter::new);
+    // As a copied file: the system caches a file in the parts in which it was written, and reads small parts at half the speed.
+    let create = |path| File::create(path).map(|file| BufWriter::with_capacity(PART, file));
     let (mut log, mut bin, mut pcapng) = (create(log)?, create(bin)?, create(pcapng)?);
     pcapng.write_all(&block(SECTION, &[MAGIC.to_le_bytes().as_slice(), &[1, 0, 0, 0], &[0xFF; 8]].concat()))?;
     pcapng.write_all(&block(INTERFACE, &[SOCKETCAN.to_le_bytes().as_slice(), &[0; 6]].concat()))?;

@@ -107,7 +107,7 @@ pub struct Timestamp {
     /// Nanoseconds since the source's epoch.
     pub t_ns: i64,
     /// Decimals of the second in the source, 0…9.
-    pub digits: u8,
+    pub digits: usize,
 }
 
 impl Timestamp {
@@ -122,8 +122,8 @@ impl Display for Timestamp {
     fn fmt(&self, out: &mut Formatter) -> fmt::Result {
         let (magnitude, digits) = (self.t_ns.unsigned_abs(), self.digits.clamp(6, 9));
         let (seconds, fraction) = (magnitude / 1_000_000_000, magnitude % 1_000_000_000);
-        let (sign, fraction) = (if self.t_ns < 0 { "-" } else { "" }, fraction / 10_u64.pow((9 - digits).into()));
-        write!(out, "{sign}{seconds}.{fraction:0width$}", width = digits.into())
+        let (sign, fraction) = (if self.t_ns < 0 { "-" } else { "" }, fraction / 10_u64.pow(9 - digits as u32));
+        write!(out, "{sign}{seconds}.{fraction:0digits$}")
     }
 }
 

@@ -138,6 +138,6 @@ impl Interface {
         let whole = i64::try_from(ticks / self.per_second).ok()?.checked_add(self.offset_s)?;
         let fraction_ns = u128::from(ticks % self.per_second) * 1_000_000_000 / u128::from(self.per_second);
         let t_ns = whole.checked_mul(1_000_000_000)?.checked_add(fraction_ns as i64)?;
-        Some(Timestamp { t_ns, digits: self.digits })
+        Some(Timestamp { t_ns, digits: self.digits.into() })
     }
 }

@@ -2,6 +2,8 @@
 
 use std::fmt::Debug;
 
+use wide::{bytemuck, i16x8, u8x16};
+
 use super::{CaptureRecord, Frame, MAX_RECORD, Reader, RecordPosition, Timestamp};
 
 /// Editors and shells on Windows write it before a text in UTF-8.
@@ -154,30 +156,21 @@ pub fn hex_byte(high: u8, low: u8) -> Option<u8> {
     (high | low < 16).then_some(high << 4 | low)
 }
 
-/// The bytes of 16 hexadecimal digits.
+/// The bytes of 16 hexadecimal digits, all at once.
 #[inline]
 pub fn hex_data(text: &[u8; 16]) -> Option<[u8; 8]> {
-    let (first, second) = text.split_at(8);
-    let [first, second] = [first, second].map(|half| half.try_into().map_or(0, u64::from_le_bytes));
-    let data = u64::from(eight_hex_digits(first)?) | u64::from(eight_hex_digits(second)?) << 32;
-    Some(data.to_le_bytes())
-}
-
-/// Four bytes, the first in the lowest byte, of eight ASCII digits (all eight at once, each in its byte of a word).
-#[inline]
-fn eight_hex_digits(text: u64) -> Option<u32> {
-    const ONES: u64 = 0x0101_0101_0101_0101;
-    let letters = (text >> 6) & ONES;
-    let values = (text & (0x0F * ONES)) + 9 * letters;
-    // A digit is right if its value, below 16, is written like it but for the case.
-    let above_nine = ((values + 6 * ONES) >> 4) & ONES;
-    let written = values + 0x30 * ONES + 7 * above_nine;
-    if (text & !(letters << 5)) != written || values & (0x10 * ONES) != 0 {
+    let text = u8x16::new(*text);
+    let up_to = |values: u8x16, max| values.min(u8x16::splat(max)).simd_eq(values);
+    let is_decimal = up_to(text - u8x16::splat(b'0'), 9);
+    let is_letter = up_to((text | u8x16::splat(0x20)) - u8x16::splat(b'a'), 5);
+    if !(is_decimal | is_letter).all() {
         return None;
     }
-    let pairs = ((values << 4) | (values >> 8)) & 0x00FF_00FF_00FF_00FF;
-    let fours = (pairs | (pairs >> 8)) & 0x0000_FFFF_0000_FFFF;
-    Some((fours | (fours >> 16)) as u32)
+    let values = (text & u8x16::splat(0x0F)) + (is_letter & u8x16::splat(9));
+    let values: i16x8 = bytemuck::cast(values);
+    let pairs = if cfg!(target_endian = "little") { values << 4 | values >> 8 } else { values >> 4 | values };
+    let pairs = pairs & i16x8::splat(0xFF);
+    u8x16::narrow_i16x8(pairs, pairs).to_array().first_chunk().copied()
 }
 
 /// A number in base 10 or 16, of one to eight digits.
@@ -219,7 +212,7 @@ pub fn decimal(text: &[u8], unit_ns: i64) -> Option<Timestamp> {
         weight /= 10;
     }
     let digits = fraction.len() + 9 - unit_ns.ilog10() as usize;
-    Some(Timestamp { t_ns: sign * t_ns, digits: digits.min(9) as u8 })
+    Some(Timestamp { t_ns: sign * t_ns, digits: digits.min(9) })
 }
 
 pub fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> + Clone {

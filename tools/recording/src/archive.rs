@@ -192,6 +192,6 @@ impl ArchiveRows {
         }
         let t_ns = time_us.checked_mul(1000).and_then(|t_ns| t_ns.checked_add(rest_ns.into()));
         let t_ns = t_ns.ok_or_else(|| self.unexpected(column, "a time from 1678 to 2262", row))?;
-        Ok(Some(Timestamp { t_ns, digits }))
+        Ok(Some(Timestamp { t_ns, digits: digits.into() }))
     }
 }

@@ -96,9 +96,8 @@ impl Decoder {
         if let InterfaceSelection::Before(before) = self.choice {
             self.follow(before, index, role, sink);
         }
-        let Decoder { buses, choice, flow, known, .. } = self;
+        let Decoder { buses, choice, flow, .. } = self;
         let Bus { assembler, tally, is_proven, .. } = &mut buses[index];
-        let enough = if index < *known { ROWS_TO_TAKE_OVER } else { 1 };
         tally.frames += 1;
         match role {
             Role::Command | Role::Reply => {
@@ -117,7 +116,7 @@ impl Decoder {
                 Progress::Waiting => {}
                 Progress::Row(row) => {
                     *is_proven = true;
-                    tally.assembled(AssemblerEvent::Row(row), index, choice, flow, sink);
+                    tally.row(row, index, choice, flow, sink);
                 }
                 Progress::Irregular => {
                     let stamp = flow.stamp(place, frame.time);
@@ -128,10 +127,11 @@ impl Decoder {
                 }
             },
         }
-        if let InterfaceSelection::Before(before) = self.choice
-            && self.buses[index].tally.rows.len() >= enough
-        {
-            self.leave(before, index, sink);
+        if let InterfaceSelection::Before(before) = self.choice {
+            let enough = if index < self.known { ROWS_TO_TAKE_OVER } else { 1 };
+            if self.buses[index].tally.rows.len() >= enough {
+                self.leave(before, index, sink);
+            }
         }
     }
 

@@ -72,14 +72,14 @@ impl Flow {
             }
         }
         if is_regular {
-            self.follow(Stamp { time: row.time, ..stamp }, row, sink);
+            self.follow(|| Stamp { time: row.time, ..stamp }, row, sink);
         }
         sink.row(row);
     }
 
     /// Compares a row with the one before.
     #[inline]
-    fn follow(&mut self, stamp: Stamp, row: &ReceivedSample, sink: &mut impl Sink) {
+    fn follow(&mut self, stamp: impl Fn() -> Stamp, row: &ReceivedSample, sink: &mut impl Sink) {
         let sample = &row.sample;
         let summary = &mut self.summary;
         let is_polled = sample.unit_flags & POLLED != 0;
@@ -89,7 +89,7 @@ impl Flow {
         }
         let step = self.continuity.step(sample.sequence, row.has_clock.then_some(sample.clock_count));
         let received = row.time.filter(|_| row.is_received);
-        self.pace(stamp, received, step, is_polled, sink);
+        self.pace(&stamp, received, step, is_polled, sink);
         if let Some(Timestamp { t_ns, .. }) = received
             && row.has_clock
             && !is_polled
@@ -98,7 +98,7 @@ impl Flow {
             self.summary.clock.add(t_ns, sample.sequence, sample.clock_count);
         }
         if step != SequenceStep::Next {
-            self.irregular(step, stamp, sink);
+            self.irregular(step, stamp(), sink);
         }
     }
 
@@ -115,7 +115,7 @@ impl Flow {
         if let Some(time) = row.time {
             self.summary.span.get_or_insert((time, time)).1 = time;
         }
-        self.pace(stamp, row.time, step, false, sink);
+        self.pace(|| stamp, row.time, step, false, sink);
         if step != SequenceStep::Next {
             self.irregular(step, stamp, sink);
         }
@@ -126,7 +126,7 @@ impl Flow {
     #[inline]
     fn pace<R>(
         &mut self,
-        stamp: Stamp,
+        stamp: impl Fn() -> Stamp,
         received: Option<Timestamp>,
         step: SequenceStep,
         is_polled: bool,
@@ -137,13 +137,14 @@ impl Flow {
         {
             let interval_ns = t_ns.saturating_sub(last_t_ns);
             if interval_ns < 0 {
-                self.defect(stamp, DefectKind::TimeBackwards, &[], 0, sink);
+                self.defect(stamp(), DefectKind::TimeBackwards, &[], 0, sink);
             } else if step != SequenceStep::Repeat && !is_polled && !self.last_polled {
                 if step == SequenceStep::Next {
                     self.summary.cadence.add(interval_ns);
                 }
                 if self.largest.is_none_or(|(largest_ns, ..)| interval_ns > largest_ns) {
-                    self.largest = Some((interval_ns, stamp.place, stamp.input));
+                    let Stamp { place, input, .. } = stamp();
+                    self.largest = Some((interval_ns, place, input));
                 }
             }
         }

@@ -74,7 +74,7 @@ pub(crate) fn timestamp(text: &str, unit_ns: i64) -> Option<Timestamp> {
     };
     let places = unit_ns.ilog10() as usize;
     let (whole, fraction) = text.split_once('.').unwrap_or((text, ""));
-    let digits = (fraction.len() + 9 - places).min(9) as u8;
+    let digits = (fraction.len() + 9 - places).min(9);
     let is_decimal = fraction.bytes().all(|byte| byte.is_ascii_digit());
     let Some(whole_units) = whole.parse::<i64>().ok().filter(|_| is_decimal) else {
         let t_ns = text.parse::<f64>().ok()? * unit_ns as f64;

@@ -63,21 +63,32 @@ impl Tally {
         sink: &mut impl Sink,
     ) {
         match assembled {
-            AssemblerEvent::Row(received) => {
-                if matches!(choice, InterfaceSelection::First) {
-                    *choice = InterfaceSelection::Made(index);
-                    self.report_early(flow, sink);
-                }
-                self.decoded += if received.has_clock { 3 } else { 2 };
-                if choice.is(index) {
-                    flow.row(received.stamp, &row(received), true, sink);
-                } else if matches!(choice, InterfaceSelection::Before(_)) {
-                    self.rows.push(received);
-                }
-            }
+            AssemblerEvent::Row(received) => self.row(received, index, choice, flow, sink),
             AssemblerEvent::Defect(stamp, defect, concerned) => {
                 self.defect(choice.is(index), stamp, defect, concerned, flow, sink);
             }
+        }
+    }
+
+    // Inlined, so that the fields of the row are written once; a copy of fields just written waits for them.
+    #[inline(always)]
+    pub fn row(
+        &mut self,
+        received: AssembledSample<Stamp>,
+        index: usize,
+        choice: &mut InterfaceSelection,
+        flow: &mut Flow,
+        sink: &mut impl Sink,
+    ) {
+        if matches!(choice, InterfaceSelection::First) {
+            *choice = InterfaceSelection::Made(index);
+            self.report_early(flow, sink);
+        }
+        self.decoded += if received.has_clock { 3 } else { 2 };
+        if choice.is(index) {
+            flow.row(received.stamp, &received_sample(received), true, sink);
+        } else if matches!(choice, InterfaceSelection::Before(_)) {
+            self.rows.push(received);
         }
     }
 
@@ -103,7 +114,7 @@ impl Tally {
     #[cold]
     pub fn report_early(&mut self, flow: &mut Flow, sink: &mut impl Sink) {
         for received in std::mem::take(&mut self.rows) {
-            flow.row(received.stamp, &row(received), true, sink);
+            flow.row(received.stamp, &received_sample(received), true, sink);
         }
         for (stamp, defect, concerned) in std::mem::take(&mut self.defects) {
             flow.defect(stamp, DefectKind::Can(defect), concerned.bytes(), 0, sink);
@@ -115,6 +126,6 @@ impl Tally {
 }
 
 #[inline]
-fn row(AssembledSample { stamp, sample, has_clock }: AssembledSample<Stamp>) -> ReceivedSample {
+fn received_sample(AssembledSample { stamp, sample, has_clock }: AssembledSample<Stamp>) -> ReceivedSample {
     ReceivedSample::new(sample, has_clock, stamp.time)
 }

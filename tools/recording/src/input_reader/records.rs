@@ -86,7 +86,7 @@ impl Records {
             data,
             id: frame.id,
             text: self.name as u32,
-            digits: time.digits,
+            digits: time.digits as u8,
             length: frame.data.len().min(data.len()) as u8,
             kind: RecordKind::Frame { timed: frame.time.is_some(), extended: frame.extended },
         }
@@ -105,7 +105,7 @@ impl Records {
             let text = || &*self.texts[kept.text as usize];
             let record = match kept.kind {
                 RecordKind::Frame { timed, extended } => CaptureRecord::Frame(Frame {
-                    time: timed.then_some(Timestamp { t_ns: kept.value, digits: kept.digits }),
+                    time: timed.then_some(Timestamp { t_ns: kept.value, digits: kept.digits.into() }),
                     interface: text(),
                     id: kept.id,
                     extended,

@@ -204,7 +204,7 @@ impl<const IS_JSON: bool, const LENGTH: usize> Line<IS_JSON, LENGTH> {
         self.unsigned(magnitude / 1_000_000_000);
         self.push(b".");
         let fraction = magnitude % 1_000_000_000;
-        let digits = usize::from(time.digits.clamp(6, 9));
+        let digits = time.digits.clamp(6, 9);
         self.push_word(eight_digits(fraction / 10) | ZEROS, digits.min(8));
         if digits == 9 {
             self.push_word(ZEROS | (fraction % 10), 1);
@@ -312,7 +312,7 @@ mod tests {
         for digits in 6..=9 {
             let row = ReceivedSample { time: Some(Timestamp { t_ns: i64::MIN, digits }), sample, ..ROW };
             let csv = text(TextFormat::Csv, &row);
-            let fraction = &"854775808"[..digits.into()];
+            let fraction = &"854775808"[..digits];
             let rest = "65535,18446744073709551615,-32768,-32768,-32768,-32768,255,255,-327.68,-327.68\n";
             assert_eq!(csv, format!("-9223372036.{fraction},{rest}"));
             assert!(csv.len() + 8 <= CSV_LINE);
