@@ -106,7 +106,7 @@ pub trait Reader: Debug + Send {
 pub struct Timestamp {
     /// Nanoseconds since the source's epoch.
     pub t_ns: i64,
-    /// Decimals of the second in the source, 0…9.
+    /// Decimals of the second in the source, 0…9. A word: copies of a structure with padding are slower.
     pub digits: usize,
 }
 

@@ -272,7 +272,7 @@ impl Courses {
     }
 
     /// Independent time courses of a rate for each searched course of a kind, 1 or more: the filter's memory, of a block or more, separates
-    /// onsets, and ends.
+    /// onsets, and ends. Ends long after the onset have a coarser grid; that is not counted.
     pub fn independent_courses(&self, kind: usize) -> f64 {
         let spacing_s = self.duration_s() / self.onsets(kind, Mode::Rate).end as f64;
         let separate = (spacing_s / self.memory_s.max(self.block_s)).max(1.0);

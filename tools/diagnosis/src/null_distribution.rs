@@ -2,8 +2,10 @@
 //!
 //! A null recording consists of the model's counts along the reference with new random walks and rounding, and a drift rate slightly off
 //! its nominal value. The largest gain in each family of hypotheses follows a Gumbel distribution. Its upper percentile is the
-//! threshold; the families share the false alarm rate equally. A null recording is searched on the grid only. The search of a long recording,
-//! which optimises onsets and ends, tries n independent courses for each of the grid: the largest of n values of χ² grows by 2 ln n.
+//! threshold; the families share the false alarm rate equally.
+//!
+//! A null recording is searched on the grid only, and a measured one also between: the best courses of its grid are optimised. If the noise
+//! separates n courses between two of the grid, the largest χ² is at most 2 ln n above that of the grid, as if all n were tried everywhere.
 
 use std::cmp::Reverse;
 
@@ -50,19 +52,21 @@ const NEVER: f64 = 1e9;
 /// Detection thresholds.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Thresholds {
-    /// χ² reduction for each family.
-    pub chi2: [f64; HypothesisFamily::COUNT],
+    /// χ² reduction for each family on the grid of the search.
+    pub on_grid_chi2: [f64; HypothesisFamily::COUNT],
+    /// Largest addition by the optimisation between the courses of the grid.
+    pub between_chi2: [f64; HypothesisFamily::COUNT],
     /// Whiteness statistic that noise exceeds once in a thousand recordings.
     pub whiteness_statistic: f64,
 }
 
 impl Thresholds {
-    /// Largest threshold of the time courses, without immediate effects.
+    /// Largest threshold of the time courses on the grid, without immediate effects: the penalty of a walk, which has no onset.
     pub fn largest(&self) -> f64 {
         let families = (0..HypothesisFamily::COUNT)
             .map(HypothesisFamily)
             .filter(|family| ![HypothesisFamily::SUDDEN, HypothesisFamily::NOISE].contains(family));
-        families.map(|family| self.required(family)).filter(|chi2| *chi2 < NEVER).fold(0.0, f64::max)
+        families.map(|family| self.on_grid_chi2[family.0]).filter(|chi2| *chi2 < NEVER).fold(0.0, f64::max)
     }
 
     /// Penalty of a hypothesis: the threshold of its family, and the penalty of its set of gyros.
@@ -72,7 +76,7 @@ impl Thresholds {
 
     /// Required χ² reduction in a family.
     pub fn required(&self, family: HypothesisFamily) -> f64 {
-        self.chi2[family.0]
+        self.on_grid_chi2[family.0] + self.between_chi2[family.0]
     }
 }
 
@@ -106,13 +110,18 @@ pub fn thresholds(
             one
         },
     );
-    let mut chi2 = limits(&largest);
+    let mut on_grid_chi2 = limits(&largest);
+    let mut between_chi2 = [0.0; HypothesisFamily::COUNT];
     for kind in 0..COURSES.len() {
-        chi2[HypothesisFamily::of_kind(kind).0] += 2.0 * bank.independent_courses(kind).ln();
+        between_chi2[HypothesisFamily::of_kind(kind).0] = 2.0 * bank.independent_courses(kind).ln();
     }
     let falls = largest_walks(case, noise, &raw);
-    chi2[HypothesisFamily::NOISE.0] = quantile(&falls, FALSE_ALARM_RATE).unwrap_or(0.0).max(MIN_NOISE_CHI2);
-    Thresholds { chi2, whiteness_statistic: quantile(&whiteness, FALSE_REJECTION_RATE).unwrap_or(1.0) }
+    on_grid_chi2[HypothesisFamily::NOISE.0] = quantile(&falls, FALSE_ALARM_RATE).unwrap_or(0.0).max(MIN_NOISE_CHI2);
+    Thresholds {
+        on_grid_chi2,
+        between_chi2,
+        whiteness_statistic: quantile(&whiteness, FALSE_REJECTION_RATE).unwrap_or(1.0),
+    }
 }
 
 /// Kurtosis of each channel that the noise of a state exceeds once in a thousand recordings. Rounding of a slow rate is not normal, and a

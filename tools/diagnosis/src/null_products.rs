@@ -220,7 +220,9 @@ pub(crate) mod tests {
         let rows: Vec<AttitudeRow> = (0..=nodes).map(row).collect();
         let truth = Arc::new(RecordedAttitude::new(rows).expect("a truth"));
         let mut counts = AccumulatedCounts::starting_at(0);
-        (1..=nodes).for_each(|node| counts.push(node as f64 * SAMPLE_INTERVAL_S, &[0.0; 4], 20.0 + node as f64 * 1e-3));
+        // The temperature of an orbit.
+        let electronics_c = |node: usize| 20.0 + 5.0 * (node as f64 / 2_000.0).sin();
+        (1..=nodes).for_each(|node| counts.push(node as f64 * SAMPLE_INTERVAL_S, &[0.0; 4], electronics_c(node)));
         counts.breaks = vec![Discontinuity { from: 1800, to: 1801, gyros: Gyros::ALL, kind: BreakKind::Gap(1) }];
         let reference = ReferenceAttitude::of_truth(0, truth);
         MeasuredData::new(counts, &reference, nominal).expect("long enough")

@@ -36,7 +36,7 @@ const EVIDENT_CHI2: f64 = 100.0;
 const PAIR_ROUNDS: usize = 3;
 /// Version of the search beside the model's lists. It changes with grids, families and null recordings, so that stored thresholds never
 /// apply to another search.
-const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 41");
+const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 42");
 
 /// Options of a diagnosis.
 pub struct DiagnosisOptions<'a> {

@@ -70,7 +70,9 @@ impl Tally {
         }
     }
 
-    // Inlined, so that the fields of the row are written once; a copy of fields just written waits for them.
+    /// Counts a row, and reports it or keeps it.
+    // Inlined, so that its fields are written once: the load of a whole structure just after stores of its fields stalls, which took a
+    // tenth of the time to decode a candump log.
     #[inline(always)]
     pub fn row(
         &mut self,

@@ -71,7 +71,11 @@ fn diagnosis(verdict: Verdict, entries: Vec<DiagnosedEffect>, findings: usize) -
         unexplained,
         configuration: Configuration::reference(),
         steps: Vec::new(),
-        thresholds: Thresholds { chi2: [24.0; HypothesisFamily::COUNT], whiteness_statistic: 1.0 },
+        thresholds: Thresholds {
+            on_grid_chi2: [24.0; HypothesisFamily::COUNT],
+            between_chi2: [0.0; HypothesisFamily::COUNT],
+            whiteness_statistic: 1.0,
+        },
         windowed: Default::default(),
         segments: Vec::new(),
         segment_rms_arcsec: Default::default(),
