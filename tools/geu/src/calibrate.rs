@@ -210,7 +210,7 @@ fn report_results(
     if let Some(comparison) = &comparison {
         say!("\n{}", comparison_table(earlier, comparison))?;
     }
-    let Some(why) = doubt(calibrated, comparison.as_ref()) else { return Ok(()) };
+    let Some(why) = doubt(unit.0, calibrated, comparison.as_ref()) else { return Ok(()) };
     match &arguments.out {
         Some(file) if !arguments.anyway => {
             return Err(CommandError::failed(format!("{why}; {file} is not written without --anyway")));
@@ -228,17 +228,24 @@ fn written<'a>(calibrated: &'a Calibrated, comparison: Option<&'a Comparison>) -
 }
 
 /// Why a calibration is not written without `--anyway`.
-fn doubt(calibrated: &Calibrated, comparison: Option<&Comparison>) -> Option<String> {
-    let probability = calibrated.solution.probability();
-    if written(calibrated, comparison).determined().is_empty() {
+fn doubt(settings: &ConfigArgs, calibrated: &Calibrated, comparison: Option<&Comparison>) -> Option<String> {
+    let (probability, solution) = (calibrated.solution.probability(), written(calibrated, comparison));
+    if solution.determined().is_empty() {
         return Some(
             "these data determine no calibration parameter; expected a longer recording with turns about each axis"
                 .to_owned(),
         );
     }
-    (probability < MIN_PROBABILITY).then(|| {
-        format!("the calibration parameters do not explain these data: probability {probability:.1e}, expected {MIN_PROBABILITY} or more")
-    })
+    if probability < MIN_PROBABILITY {
+        return Some(format!(
+            "the calibration parameters do not explain these data: probability {probability:.1e}, expected {MIN_PROBABILITY} or more"
+        ));
+    }
+    let overrides = report::overrides(solution.determined(), &solution.calibrations);
+    let with = ConfigArgs { overrides: [&settings.overrides[..], &overrides].concat(), ..settings.clone() };
+    let invalid = with.read_of_any().err();
+    invalid
+        .map(|error| format!("{error}: the solved value is of no unit; does each axis of the reference have its sign?"))
 }
 
 /// Writes the files of the results.
@@ -257,7 +264,8 @@ fn write_results(
         }
         outputs.push((file, format!("{json:#}\n")));
     }
-    if let Some(file) = arguments.out.as_ref().filter(|_| doubt(calibrated, comparison).is_none() || arguments.anyway) {
+    let is_written = arguments.anyway || doubt(settings, calibrated, comparison).is_none();
+    if let Some(file) = arguments.out.as_ref().filter(|_| is_written) {
         let solution = written(calibrated, comparison);
         outputs.push((file, settings.edited(report::overrides(solution.determined(), &solution.calibrations))?));
     }

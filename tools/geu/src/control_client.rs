@@ -167,10 +167,14 @@ impl ControlClient {
             ))
         })?;
         AGENT.run(AGENT.configure_request(request).timeout_global(within).build()).map_err(|error| {
-            CommandError::failed(format!(
-                "--control {}: {error}; expected a running emulator; geu run prints its address at the start",
-                self.control
-            ))
+            let expected = match error {
+                // A stopped process answers once it continues.
+                ureq::Error::Timeout(_) => {
+                    "expected an answer in time; the emulator may still do what was asked, see geu monitor"
+                }
+                _ => "expected a running emulator; geu run prints its address at the start",
+            };
+            CommandError::failed(format!("--control {}: {error}; {expected}", self.control))
         })
     }
 }

@@ -7,7 +7,7 @@ use std::thread::{self, sleep};
 use std::time::Duration;
 
 use clap::Args;
-use geu_recording::{Decode, InputReader, ReferenceAttitude, Sink};
+use geu_recording::{Decode, DeviceSample, InputReader, ReceivedSample, ReferenceAttitude, Sink};
 use geu_watch::{DeviceMonitor, Event, FALSE_ALARM_INTERVAL_DAYS, Monitor, START_S, THRESHOLD};
 use serde_json::Value;
 use ureq::http::Method;
@@ -109,14 +109,40 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let interval_s = configuration.device.interval_s;
     match reference {
         Some(reference) if !configuration.device.is_iras() => {
-            let mut monitor = DeviceMonitor::new(&configuration, reference);
             let reader = arguments.reading.device_reader(&configuration.device, stop)?;
-            watch(arguments, reader, publisher, interval_s, |row| monitor.push(row))
+            watch(arguments, reader, publisher, interval_s, DeviceMonitor::new(&configuration, reference))
         }
         reference => {
-            let mut monitor = Monitor::new(&configuration, reference, arguments.clock);
-            watch(arguments, arguments.reading.reader(stop)?, publisher, interval_s, |row| monitor.push(row))
+            let monitor = Monitor::new(&configuration, reference, arguments.clock);
+            watch(arguments, arguments.reading.reader(stop)?, publisher, interval_s, monitor)
         }
+    }
+}
+
+/// A monitor of the default unit or of a described one.
+trait Watch<R> {
+    fn push(&mut self, row: &R) -> Vec<Event>;
+    /// Length of the compared samples, s.
+    fn compared_s(&self) -> f64;
+}
+
+impl Watch<ReceivedSample> for Monitor {
+    fn push(&mut self, row: &ReceivedSample) -> Vec<Event> {
+        self.push(row)
+    }
+
+    fn compared_s(&self) -> f64 {
+        self.compared_s()
+    }
+}
+
+impl Watch<DeviceSample> for DeviceMonitor {
+    fn push(&mut self, row: &DeviceSample) -> Vec<Event> {
+        self.push(row)
+    }
+
+    fn compared_s(&self) -> f64 {
+        self.compared_s()
     }
 }
 
@@ -126,15 +152,15 @@ fn watch<D: Decode>(
     mut reader: InputReader<D>,
     publisher: Option<Publisher>,
     interval_s: f64,
-    push: impl FnMut(&D::Row) -> Vec<Event>,
+    monitor: impl Watch<D::Row>,
 ) -> Result<(), CommandError> {
-    let mut printer = Printer { push, publisher, samples: 0, alarms: 0, interruptions: 0, broken: None };
+    let mut printer = Printer { monitor, publisher, samples: 0, alarms: 0, interruptions: 0, broken: None };
     let result = reader.read(&arguments.link, &mut printer);
     let (summary, ending) = reader.finish(&mut printer);
     if let Some(failure) = printer.broken.take() {
         return Err(failure);
     }
-    let Printer { publisher, samples, alarms, interruptions, .. } = printer;
+    let Printer { monitor, publisher, samples, alarms, interruptions, .. } = printer;
     publisher.into_iter().for_each(Publisher::finish);
     if !arguments.quiet {
         let defects = summary.account.defect_count();
@@ -145,8 +171,15 @@ fn watch<D: Decode>(
     note_elsewhere(&summary);
     result.and(ending)?;
     arguments.reading.note_no_rows(&summary);
-    if !arguments.quiet && samples > 0 && samples as f64 * interval_s <= START_S {
-        note(format_args!("geu: no change was searched for: the input ended within the first half hour\n"));
+    if samples > 0 && monitor.compared_s() <= START_S {
+        let why = match samples as f64 * interval_s <= START_S {
+            true => "the input ended within the first half hour".to_owned(),
+            false => format!(
+                "expected more than half an hour of the input along the reference, got {:.0} s; is the reference of this recording?",
+                monitor.compared_s()
+            ),
+        };
+        note(format_args!("geu: no change was searched for: {why}\n"));
     }
     match arguments.strict && alarms > 0 {
         true => Err(CommandError::failed(format!("--strict: {alarms} alarms"))),
@@ -155,8 +188,8 @@ fn watch<D: Decode>(
 }
 
 /// Prints events as they happen.
-struct Printer<P> {
-    push: P,
+struct Printer<M> {
+    monitor: M,
     publisher: Option<Publisher>,
     samples: u64,
     alarms: u64,
@@ -164,10 +197,10 @@ struct Printer<P> {
     broken: Option<CommandError>,
 }
 
-impl<R, P: FnMut(&R) -> Vec<Event>> Sink<R> for Printer<P> {
+impl<R, M: Watch<R>> Sink<R> for Printer<M> {
     fn row(&mut self, row: &R) {
         self.samples += 1;
-        for event in (self.push)(row) {
+        for event in self.monitor.push(row) {
             self.alarms += u64::from(event.event == "alarm");
             self.interruptions += u64::from(event.event == "interruption");
             let event = event.json();

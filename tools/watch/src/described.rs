@@ -133,6 +133,11 @@ impl DeviceMonitor {
         }
     }
 
+    /// Length of the compared samples, s.
+    pub fn compared_s(&self) -> f64 {
+        self.monitor.compared_s()
+    }
+
     /// Adds a sample; returns what it changed.
     pub fn push(&mut self, row: &DeviceSample) -> Vec<Event> {
         let is_own = !self.reader.is_of_other_trial(row);

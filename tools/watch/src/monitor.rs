@@ -63,6 +63,8 @@ pub struct Monitor {
     /// Node of the last interruption.
     interrupted: Option<u64>,
     has_ended: bool,
+    /// Nodes along the reference, or all without one.
+    compared: u64,
     events: Vec<Event>,
 }
 
@@ -108,6 +110,7 @@ impl Monitor {
             is_new: [true; MAX_HEADS],
             interrupted: None,
             has_ended: false,
+            compared: 0,
             events: Vec::new(),
         }
     }
@@ -124,6 +127,11 @@ impl Monitor {
     /// The largest statistic of any channel without an alarm.
     pub fn largest(&self) -> f64 {
         self.channels.iter().map(|channel| channel.largest).fold(0.0, f64::max)
+    }
+
+    /// Length of the compared samples, s.
+    pub fn compared_s(&self) -> f64 {
+        self.compared as f64 * self.interval_s
     }
 
     /// Adds a sample; returns what it changed.
@@ -222,6 +230,7 @@ impl Monitor {
             *sum += count;
         }
         let is_covered = self.is_covered();
+        self.compared += u64::from(is_covered);
         let end_s = self.node as f64 * self.interval_s;
         let is_at_row = self.model.as_mut().is_none_or(|model| model.is_at_row(end_s));
         let node = self.read();

@@ -13,6 +13,7 @@ pub const COLUMNS: &str = "t_s (or time_, timestamp_; _ms, _us, _ns) or start_s 
 /// Columns of which one kind may state the 1-sigma error of each row about the control axes.
 pub const SIGMA_COLUMNS: &str = "q_w, q_x, q_y, q_z beside either sigma_arcsec or sigma_x_arcsec, sigma_y_arcsec, sigma_z_arcsec (or _deg, _rad, \
     _mrad): a sigma is that of a row's attitude, and rates state none, except for a diagnosis of a described unit, sigma_deg_s and so on";
+const ONCE: &str = "of the time and of the motion once each";
 const TIMES: &[&str] = &["t_", "time_", "timestamp_"];
 const RATES: &[&str] = &["rate_", "w", "w_", "omega_"];
 const MAGNITUDES: &[&str] = &["rate_"];
@@ -77,6 +78,11 @@ impl Columns {
         // An attitude is that of an instant.
         let interval = interval.filter(|_| kind != MotionKind::Attitude || row.is_none());
         let sigma = find(at, SIGMAS, [""; 3], units).or_else(|| find(at, SIGMAS, AXES, units));
+        let is_repeated = |place: usize| table.titles().filter(|title| Some(place) == at(title)).count() > 1;
+        let times = [row, interval.map(|(start, _)| start), interval.map(|(_, end)| end)];
+        if times.into_iter().flatten().map(|(place, _)| place).chain(motion.iter().copied()).any(is_repeated) {
+            return Err(ONCE);
+        }
         let used = sigma.map_or(0, |([x, y, _], _)| if x == y { 1 } else { 3 });
         if table.titles().filter(|title| title.starts_with(SIGMAS[0])).count() != used {
             return Err(SIGMA_COLUMNS);
