@@ -166,7 +166,7 @@ fn rows_that_are_no_part_of_a_recording_are_counted() {
     assert_eq!(counts, ["100", "600", "300"], "{findings:?}");
 }
 
-/// Findings and missing effects of a table of three heads about X, Y, Z in deg/s, at 20 rows a second for 400 s: each row by its number, its
+/// Findings and missing effects of a table of three heads about X, Y, Z in deg/s, at 20 rows a second for 300 s: each row by its number, its
 /// time and the rates of a fast motion, compared with the true ones.
 fn of_table(
     row: impl Fn(usize, f64, [f64; 3]) -> Option<(f64, [f64; 3])>,
@@ -200,7 +200,7 @@ fn of_table(
         0.1 * ((bits ^ bits >> 31) >> 11) as f64 / (1u64 << 53) as f64 - 0.05
     };
     let (mut link, mut reference) = ("t,X,Y,Z\n".to_owned(), "t_s,wx_deg_s,wy_deg_s,wz_deg_s,sensor_c\n".to_owned());
-    for number in 1..=8000 {
+    for number in 1..=6000 {
         let t_s = number as f64 * 0.05;
         let true_rates = rates(t_s);
         // Noise of the attitude about an axis, as a rate: its change since the row before.
