@@ -11,7 +11,8 @@ use std::net::TcpListener;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::thread::sleep;
+use std::sync::Mutex;
+use std::thread::{self, sleep};
 use std::time::{Duration, Instant};
 
 use geu_tests::{geu_obc, root};
@@ -271,19 +272,33 @@ fn resolved(page: &str, target: &str) -> String {
 
 #[test]
 fn commands_of_the_tasks_run_as_printed() {
-    for page in markdown("docs/tasks") {
-        let scratch = run_page(&page);
-        if page.ends_with("record.md") {
-            for figure in fs::read_dir(root().join("docs/figures")).expect("a folder") {
-                let figure = figure.expect("an entry");
-                let made =
-                    fs::read(scratch.file("figures").join(figure.file_name())).expect("a figure of the page's command");
-                assert!(
-                    made == fs::read(figure.path()).expect("a figure"),
-                    "{:?} is another one than its command draws",
-                    figure.path()
-                );
-            }
+    // Most of the time a page waits for a unit that runs in real time.
+    let pages = Mutex::new(markdown("docs/tasks"));
+    let next = || pages.lock().expect("no panic while locked").pop_last();
+    let run = || {
+        while let Some(page) = next() {
+            run_task(&page);
+        }
+    };
+    thread::scope(|scope| {
+        scope.spawn(run);
+        run();
+    });
+}
+
+/// Runs the scripts of a page of `docs/tasks`, and compares the figures that it makes.
+fn run_task(page: &str) {
+    let scratch = run_page(page);
+    if page.ends_with("record.md") {
+        for figure in fs::read_dir(root().join("docs/figures")).expect("a folder") {
+            let figure = figure.expect("an entry");
+            let made =
+                fs::read(scratch.file("figures").join(figure.file_name())).expect("a figure of the page's command");
+            assert!(
+                made == fs::read(figure.path()).expect("a figure"),
+                "{:?} is another one than its command draws",
+                figure.path()
+            );
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use std::io::Write;
 use std::path::Path;
+use std::thread;
 
 use geu_checks::{CheckResult, WiringFault, check};
 use geu_model::Configuration;
@@ -96,18 +97,24 @@ const PAIRS: [[Of; 2]; 6] =
 
 #[test]
 fn wiring_faults_are_found_on_every_gyro_with_and_without_onset() {
-    for onset_s in [None, Some(5200.0)] {
-        let single = ["sign-inversion", "stuck-output"];
-        let single = single.iter().flat_map(|code| GYROS.map(|gyro| wired(code, &[gyro], onset_s)));
-        for planted in single.chain(PAIRS.map(|pair| wired("axis-swap", &pair, onset_s))) {
-            let recording = Recording::with(9, std::slice::from_ref(&planted));
-            let checked = recording.checked();
-            println!("{planted:?}: {:?}", checked.faults);
-            assert_found(&checked, &planted, onset_s);
-            // The corrected rows have no fault.
-            let again = Recording { rows: checked.rows, ..recording }.checked();
-            assert!(again.faults.is_empty(), "{planted:?}: {:?}", again.faults);
+    thread::scope(|scope| {
+        for onset_s in [None, Some(5200.0)] {
+            scope.spawn(move || wiring_faults_are_found(onset_s));
         }
+    });
+}
+
+fn wiring_faults_are_found(onset_s: Option<f64>) {
+    let single = ["sign-inversion", "stuck-output"];
+    let single = single.iter().flat_map(|code| GYROS.map(|gyro| wired(code, &[gyro], onset_s)));
+    for planted in single.chain(PAIRS.map(|pair| wired("axis-swap", &pair, onset_s))) {
+        let recording = Recording::with(9, std::slice::from_ref(&planted));
+        let checked = recording.checked();
+        println!("{planted:?}: {:?}", checked.faults);
+        assert_found(&checked, &planted, onset_s);
+        // The corrected rows have no fault.
+        let again = Recording { rows: checked.rows, ..recording }.checked();
+        assert!(again.faults.is_empty(), "{planted:?}: {:?}", again.faults);
     }
 }
 
