@@ -26,7 +26,7 @@ impl Diagnosed {
         give_way();
         let directory = tempfile::tempdir().expect("a directory");
         let at = |name: &str| directory.path().join(name).display().to_string();
-        let recording = IndependentModel { duration_s: 7200.0, ..IndependentModel::new(seed, vec![injected]) }.record();
+        let recording = IndependentModel { duration_s: 5400.0, ..IndependentModel::new(seed, vec![injected]) }.record();
         for (name, text) in [("link.log", &recording.link), ("reference.csv", &recording.reference)] {
             fs::write(at(name), text).expect("written");
         }
@@ -186,7 +186,7 @@ fn a_page_is_drawn_by_a_browser() {
 
 #[test]
 fn a_backlash_ends_unexplained_with_its_interval_in_the_residual() {
-    let injected = PlantedEffect::new("count-backlash", &[Gyro::Y], &[("play_arcsec", 30.0)]);
+    let injected = PlantedEffect::new("count-backlash", &[Gyro::Y], &[("play_arcsec", 8.0)]);
     let diagnosed = Diagnosed::of(8, injected, &["--manoeuvres", "{}/manoeuvres.csv"]);
     assert_eq!(diagnosed.code, Some(3), "{}", diagnosed.report);
     diagnosed.assert_whole();
