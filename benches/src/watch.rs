@@ -7,7 +7,7 @@ use geu_blind::{Origin, SURVEY_S, TrialMotion, on_threads, simulate};
 use geu_hypothesis::Hypothesis;
 use geu_model::Configuration;
 use geu_protocol::Gyro;
-use geu_watch::{Event, Monitor, THRESHOLD};
+use geu_watch::{Event, Monitor, THRESHOLD, Watch};
 
 use crate::Result;
 

@@ -87,6 +87,19 @@ fn faults_of_a_recording_are_alarms_on_their_gyros_and_the_same_again() {
 }
 
 #[test]
+fn a_reference_of_another_time_is_said_to_show_no_change() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let recording = directory.path().join("recording");
+    simulate(&recording, "2400", &[]);
+    let reference = fs::read_to_string(recording.join("reference.csv")).expect("recorded");
+    // Ten days later.
+    let later = reference.replace("\n", "\n86400");
+    fs::write(recording.join("reference.csv"), later.trim_end_matches("86400")).expect("written");
+    let said = text(&watch(&recording, true, &[]).stderr);
+    assert!(said.contains("expected more than half an hour of the input along the reference, got 0 s"), "{said}");
+}
+
+#[test]
 fn a_drift_injected_into_a_running_unit_has_an_alarm_and_a_name() {
     let directory = tempfile::tempdir().expect("a directory");
     let truth = directory.path().join("truth");

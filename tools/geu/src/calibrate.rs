@@ -243,9 +243,10 @@ fn doubt(settings: &ConfigArgs, calibrated: &Calibrated, comparison: Option<&Com
     }
     let overrides = report::overrides(solution.determined(), &solution.calibrations);
     let with = ConfigArgs { overrides: [&settings.overrides[..], &overrides].concat(), ..settings.clone() };
-    let invalid = with.read_of_any().err();
-    invalid
-        .map(|error| format!("{error}: the solved value is of no unit; does each axis of the reference have its sign?"))
+    let error = with.read_of_any().err()?.to_string();
+    let first = error.lines().next().unwrap_or_default();
+    let value = &first[first.find("expected").unwrap_or(0)..];
+    Some(format!("no unit has the solved values: {value}; does each axis of the reference have its sign?"))
 }
 
 /// Writes the files of the results.

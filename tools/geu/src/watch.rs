@@ -7,8 +7,8 @@ use std::thread::{self, sleep};
 use std::time::Duration;
 
 use clap::Args;
-use geu_recording::{Decode, DeviceSample, InputReader, ReceivedSample, ReferenceAttitude, Sink};
-use geu_watch::{DeviceMonitor, Event, FALSE_ALARM_INTERVAL_DAYS, Monitor, START_S, THRESHOLD};
+use geu_recording::{Decode, InputReader, ReferenceAttitude, Sink};
+use geu_watch::{DeviceMonitor, FALSE_ALARM_INTERVAL_DAYS, Monitor, START_S, THRESHOLD, Watch};
 use serde_json::Value;
 use ureq::http::Method;
 
@@ -119,33 +119,6 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     }
 }
 
-/// A monitor of the default unit or of a described one.
-trait Watch<R> {
-    fn push(&mut self, row: &R) -> Vec<Event>;
-    /// Length of the compared samples, s.
-    fn compared_s(&self) -> f64;
-}
-
-impl Watch<ReceivedSample> for Monitor {
-    fn push(&mut self, row: &ReceivedSample) -> Vec<Event> {
-        self.push(row)
-    }
-
-    fn compared_s(&self) -> f64 {
-        self.compared_s()
-    }
-}
-
-impl Watch<DeviceSample> for DeviceMonitor {
-    fn push(&mut self, row: &DeviceSample) -> Vec<Event> {
-        self.push(row)
-    }
-
-    fn compared_s(&self) -> f64 {
-        self.compared_s()
-    }
-}
-
 /// Watches the rows of the link, one each `interval_s`.
 fn watch<D: Decode>(
     arguments: &Arguments,
@@ -171,7 +144,7 @@ fn watch<D: Decode>(
     note_elsewhere(&summary);
     result.and(ending)?;
     arguments.reading.note_no_rows(&summary);
-    if samples > 0 && monitor.compared_s() <= START_S {
+    if !arguments.quiet && samples > 0 && monitor.compared_s() <= START_S {
         let why = match samples as f64 * interval_s <= START_S {
             true => "the input ended within the first half hour".to_owned(),
             false => format!(

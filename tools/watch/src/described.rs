@@ -13,7 +13,7 @@ use geu_protocol::continuity::MAX_MISSING;
 use geu_recording::{DeviceSample, ReferenceAttitude};
 use nalgebra::{DVector, Matrix3xX};
 
-use crate::event::Event;
+use crate::event::{Event, Watch};
 use crate::filter::Noise;
 use crate::monitor::Monitor;
 
@@ -133,13 +133,17 @@ impl DeviceMonitor {
         }
     }
 
-    /// Length of the compared samples, s.
-    pub fn compared_s(&self) -> f64 {
-        self.monitor.compared_s()
+    /// Ends the present node.
+    fn end_node(&mut self) {
+        let broken = if self.filled < self.samples { self.all } else { self.broken };
+        self.monitor.add(&self.arcsec[..self.all.heads()], broken);
+        (self.arcsec, self.broken, self.filled) = ([0.0; MAX_HEADS], self.all.with_mask(0), 0);
+        self.node += 1;
     }
+}
 
-    /// Adds a sample; returns what it changed.
-    pub fn push(&mut self, row: &DeviceSample) -> Vec<Event> {
+impl Watch<DeviceSample> for DeviceMonitor {
+    fn push(&mut self, row: &DeviceSample) -> Vec<Event> {
         let is_own = !self.reader.is_of_other_trial(row);
         let Some((from, to)) = self.reader.place(row).filter(|_| is_own) else { return Vec::new() };
         if !std::mem::replace(&mut self.is_begun, true) {
@@ -178,12 +182,8 @@ impl DeviceMonitor {
         self.monitor.take_events()
     }
 
-    /// Ends the present node.
-    fn end_node(&mut self) {
-        let broken = if self.filled < self.samples { self.all } else { self.broken };
-        self.monitor.add(&self.arcsec[..self.all.heads()], broken);
-        (self.arcsec, self.broken, self.filled) = ([0.0; MAX_HEADS], self.all.with_mask(0), 0);
-        self.node += 1;
+    fn compared_s(&self) -> f64 {
+        self.monitor.compared_s()
     }
 }
 

@@ -1,4 +1,4 @@
-//! Events of a monitor.
+//! Monitors and their events.
 
 use geu_protocol::Gyros;
 use serde_json::{Value, json};
@@ -31,4 +31,12 @@ impl Event {
             "threshold": self.threshold,
         })
     }
+}
+
+/// A monitor of samples of a kind.
+pub trait Watch<R> {
+    /// Adds a sample; returns what it changed.
+    fn push(&mut self, row: &R) -> Vec<Event>;
+    /// Length of the compared samples, s.
+    fn compared_s(&self) -> f64;
 }

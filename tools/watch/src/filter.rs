@@ -5,6 +5,7 @@
 
 use geu_calibration::noise::RandomWalks;
 use geu_model::units::SAMPLE_INTERVAL_S;
+use geu_protocol::Gyro;
 use nalgebra::{SMatrix, SVector};
 
 use crate::interval::Likelihood;
@@ -205,4 +206,13 @@ fn misfit_arcsec(clearance: f64) -> f64 {
 pub fn carried(step: &Step) -> [(usize, f64); 4] {
     let [x, y, z] = step.turned;
     [(DRIFT, step.samples * SAMPLE_INTERVAL_S), (SCALE, x), (SCALE + 1, y), (SCALE + 2, z)]
+}
+/// The random walks of the difference of the pair.
+pub fn together(walks: &[RandomWalks; 4]) -> RandomWalks {
+    let [a, b] = [Gyro::ZA, Gyro::ZB].map(|gyro| walks[gyro.index()]);
+    RandomWalks {
+        angle_arcsec_per_sqrt_s: a.angle_arcsec_per_sqrt_s.hypot(b.angle_arcsec_per_sqrt_s),
+        drift_arcsec_per_s_per_sqrt_s: a.drift_arcsec_per_s_per_sqrt_s.hypot(b.drift_arcsec_per_s_per_sqrt_s),
+        correlation_time_s: a.correlation_time_s,
+    }
 }

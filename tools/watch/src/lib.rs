@@ -6,7 +6,7 @@
 //! - `bank`: compares the filter's scores with the signatures of changes;
 //! - `kind`: which kind of a change is the likeliest;
 //! - `channel`: alarms of one channel, and their names;
-//! - `event`: what a monitor reports;
+//! - `event`: what a monitor does and reports;
 //! - `reference_model`: the model along the reference;
 //! - `monitor`: from samples to residuals and events;
 //! - `described`: samples of a described unit to nodes of a monitor.
@@ -23,5 +23,5 @@ mod reference_model;
 
 pub use channel::{FALSE_ALARM_INTERVAL_DAYS, START_S, THRESHOLD};
 pub use described::DeviceMonitor;
-pub use event::Event;
+pub use event::{Event, Watch};
 pub use monitor::Monitor;

@@ -4,7 +4,6 @@
 //! the parity of GYRZA and GYRZB is the only channel.
 
 use geu_calibration::counts::{BreakKind, unusable};
-use geu_calibration::noise::RandomWalks;
 use geu_calibration::{GyroSet, PriorCalibration, Transfer};
 use geu_model::Configuration;
 use geu_model::device::MAX_HEADS;
@@ -16,8 +15,8 @@ use geu_recording::{ReceivedSample, ReferenceAttitude};
 
 use crate::channel::{Channel, THRESHOLD};
 use crate::described::{DescribedHeads, Heads, default_counts, noises};
-use crate::event::Event;
-use crate::filter::{CLEARANCES, CLEARANCES_ARCSEC, Noise, Step};
+use crate::event::{Event, Watch};
+use crate::filter::{CLEARANCES, CLEARANCES_ARCSEC, Noise, Step, together};
 use crate::reference_model::Model;
 
 /// Samples without an interruption after which the next one is reported.
@@ -127,47 +126,6 @@ impl Monitor {
     /// The largest statistic of any channel without an alarm.
     pub fn largest(&self) -> f64 {
         self.channels.iter().map(|channel| channel.largest).fold(0.0, f64::max)
-    }
-
-    /// Length of the compared samples, s.
-    pub fn compared_s(&self) -> f64 {
-        self.compared as f64 * self.interval_s
-    }
-
-    /// Adds a sample; returns what it changed.
-    pub fn push(&mut self, row: &ReceivedSample) -> Vec<Event> {
-        let sample = row.sample;
-        let step = self.continuity.step(sample.sequence, row.has_clock.then_some(sample.clock_count));
-        let clock_ns = row.has_clock.then(|| (sample.clock_count as i64).saturating_mul(1_000));
-        let now_ns = if self.uses_clock { clock_ns } else { row.time.map(|time| time.t_ns).or(clock_ns) };
-        let passed =
-            now_ns.zip(self.last_ns).map(|(now, before)| now.saturating_sub(before) as f64 * 1e-9 / SAMPLE_INTERVAL_S);
-        let passed = passed.map_or(0, |samples| (samples.round() as u64).saturating_sub(1));
-        self.last_ns = now_ns.or(self.last_ns);
-        let missing = match step {
-            SequenceStep::Repeat => return Vec::new(),
-            SequenceStep::First => {
-                self.start(now_ns.unwrap_or_default().saturating_sub((SAMPLE_INTERVAL_S * 1e9) as i64));
-                None
-            }
-            SequenceStep::Next => None,
-            SequenceStep::Gap(missing) => Some((BreakKind::Gap(missing), missing)),
-            SequenceStep::Reset if passed == 0 => None,
-            SequenceStep::Reset => Some((BreakKind::Reset, passed)),
-            SequenceStep::Jump => Some((BreakKind::Jump, passed)),
-        };
-        if let Some((kind, samples)) = missing {
-            self.skip(samples.min(MAX_MISSING));
-            self.interrupt(kind, self.gyros, samples);
-        }
-        let mut broken = self.gyros.with_mask(0);
-        for (kind, gyros) in unusable(&sample).into_iter().filter(|(_, gyros)| gyros.contains(&true)) {
-            let gyros = self.gyros.filter(|gyro| gyros[gyro]);
-            broken = broken.and(gyros);
-            self.interrupt(kind, gyros, 1);
-        }
-        self.add(&sample.increments.map(f64::from), broken);
-        self.take_events()
     }
 
     /// The events since the last call.
@@ -310,13 +268,44 @@ impl Monitor {
     }
 }
 
-/// The random walks of the difference of the pair.
-fn together(walks: &[RandomWalks; 4]) -> RandomWalks {
-    let [a, b] = [Gyro::ZA, Gyro::ZB].map(|gyro| walks[gyro.index()]);
-    RandomWalks {
-        angle_arcsec_per_sqrt_s: a.angle_arcsec_per_sqrt_s.hypot(b.angle_arcsec_per_sqrt_s),
-        drift_arcsec_per_s_per_sqrt_s: a.drift_arcsec_per_s_per_sqrt_s.hypot(b.drift_arcsec_per_s_per_sqrt_s),
-        correlation_time_s: a.correlation_time_s,
+impl Watch<ReceivedSample> for Monitor {
+    fn push(&mut self, row: &ReceivedSample) -> Vec<Event> {
+        let sample = row.sample;
+        let step = self.continuity.step(sample.sequence, row.has_clock.then_some(sample.clock_count));
+        let clock_ns = row.has_clock.then(|| (sample.clock_count as i64).saturating_mul(1_000));
+        let now_ns = if self.uses_clock { clock_ns } else { row.time.map(|time| time.t_ns).or(clock_ns) };
+        let passed =
+            now_ns.zip(self.last_ns).map(|(now, before)| now.saturating_sub(before) as f64 * 1e-9 / SAMPLE_INTERVAL_S);
+        let passed = passed.map_or(0, |samples| (samples.round() as u64).saturating_sub(1));
+        self.last_ns = now_ns.or(self.last_ns);
+        let missing = match step {
+            SequenceStep::Repeat => return Vec::new(),
+            SequenceStep::First => {
+                self.start(now_ns.unwrap_or_default().saturating_sub((SAMPLE_INTERVAL_S * 1e9) as i64));
+                None
+            }
+            SequenceStep::Next => None,
+            SequenceStep::Gap(missing) => Some((BreakKind::Gap(missing), missing)),
+            SequenceStep::Reset if passed == 0 => None,
+            SequenceStep::Reset => Some((BreakKind::Reset, passed)),
+            SequenceStep::Jump => Some((BreakKind::Jump, passed)),
+        };
+        if let Some((kind, samples)) = missing {
+            self.skip(samples.min(MAX_MISSING));
+            self.interrupt(kind, self.gyros, samples);
+        }
+        let mut broken = self.gyros.with_mask(0);
+        for (kind, gyros) in unusable(&sample).into_iter().filter(|(_, gyros)| gyros.contains(&true)) {
+            let gyros = self.gyros.filter(|gyro| gyros[gyro]);
+            broken = broken.and(gyros);
+            self.interrupt(kind, gyros, 1);
+        }
+        self.add(&sample.increments.map(f64::from), broken);
+        self.take_events()
+    }
+
+    fn compared_s(&self) -> f64 {
+        self.compared as f64 * self.interval_s
     }
 }
 

@@ -212,6 +212,10 @@ fn errors_of_other_columns_name_line_and_column() {
         (format!("{turns},sigma_deg_s\n0,1,0,0,0,1\n"), "line 1: header: expected the columns q_w"),
         ("t_s,angle_x_deg,angle_y_deg,angle_z_deg\n0,1,0,0,0\n".to_owned(), "line 1: header: expected the columns t_s"),
         ("t_s,wx,wy,wz\n0,1,0,0,0\n".to_owned(), "line 1: header: expected the columns t_s"),
+        (
+            "t_s,wx_deg_s,wx_deg_s,wy_deg_s,wz_deg_s\n0,1,1,0,0\n".to_owned(),
+            "the columns of the time and of the motion once each",
+        ),
         ("t_s;qw;qx;qy;qz\n0;1;0;0;x\n".to_owned(), "line 2: qz: expected a number, got \"x\""),
         ("t_s,qw,qx,qy,qz\n0,0,0,0,0\n".to_owned(), "line 2: qw: expected a unit quaternion, got \"0\""),
         ("t_s,qw,qx,qy,qz\n-9223372036,1,0,0,0\n9223372036,1,0,0,0\n".to_owned(), "3 rows after the first, got 1"),
