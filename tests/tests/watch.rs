@@ -92,9 +92,11 @@ fn a_reference_of_another_time_is_said_to_show_no_change() {
     let recording = directory.path().join("recording");
     simulate(&recording, "2400", &[]);
     let reference = fs::read_to_string(recording.join("reference.csv")).expect("recorded");
-    // Ten days later.
-    let later = reference.replace("\n", "\n86400");
-    fs::write(recording.join("reference.csv"), later.trim_end_matches("86400")).expect("written");
+    let later = |line: &str| match line.split_once(',').and_then(|(time, row)| Some((time.parse::<f64>().ok()?, row))) {
+        Some((t_s, row)) => format!("{},{row}\n", t_s + 1e6),
+        None => format!("{line}\n"),
+    };
+    fs::write(recording.join("reference.csv"), reference.lines().map(later).collect::<String>()).expect("written");
     let said = text(&watch(&recording, true, &[]).stderr);
     assert!(said.contains("expected more than half an hour of the input along the reference, got 0 s"), "{said}");
 }
