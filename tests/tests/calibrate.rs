@@ -343,13 +343,10 @@ fn an_unexplained_solution_is_reported_and_written_only_on_request() {
 #[test]
 fn a_reference_with_an_axis_of_the_opposite_sign_gives_no_configuration() {
     let temp_dir = tempfile::tempdir().expect("a directory");
-    let reversed = |line: &str| {
-        let (time, rates) = line.split_once(',').expect("columns");
-        format!("{time},{}", rates.strip_prefix('-').map_or(format!("-{rates}"), str::to_owned))
-    };
     let reference = edited(&temp_dir, "reference.csv", |text| {
         let (header, rows) = text.split_once('\n').expect("rows");
-        [header.to_owned()].into_iter().chain(rows.lines().map(reversed)).collect::<Vec<_>>().join("\n")
+        let reversed = rows.lines().map(|row| row.replacen(',', ",-", 1).replace(",--", ",") + "\n");
+        format!("{header}\n{}", reversed.collect::<String>())
     });
     let (link, manoeuvres, out) = (in_can("link.log"), in_can("manoeuvres.csv"), temp_dir.path().join("unit.toml"));
     let refused = output(&[&arguments(&link, &manoeuvres, text(&reference))[..], &["--out", text(&out)]].concat());

@@ -205,14 +205,16 @@ fn report_results(
         note(format_args!("geu: left out: {} more, which --json lists\n", calibrated.left_out.len() - listed));
     }
     let comparison = calibrate_compare::compare(earlier, calibrated)?;
-    write_results(arguments, unit, calibrated, earlier, comparison.as_ref())?;
+    let doubt = doubt(unit.0, calibrated, comparison.as_ref());
+    let is_written = arguments.anyway || doubt.is_none();
+    write_results(arguments, unit, calibrated, (earlier, comparison.as_ref()), is_written)?;
     say!("{}", terminal_table(unit.1, calibrated))?;
     if let Some(comparison) = &comparison {
         say!("\n{}", comparison_table(earlier, comparison))?;
     }
-    let Some(why) = doubt(unit.0, calibrated, comparison.as_ref()) else { return Ok(()) };
+    let Some(why) = doubt else { return Ok(()) };
     match &arguments.out {
-        Some(file) if !arguments.anyway => {
+        Some(file) if !is_written => {
             return Err(CommandError::failed(format!("{why}; {file} is not written without --anyway")));
         }
         Some(file) => note(format_args!("geu: {why}; {file} is written anyway\n")),
@@ -249,13 +251,13 @@ fn doubt(settings: &ConfigArgs, calibrated: &Calibrated, comparison: Option<&Com
     Some(format!("no unit has the solved values: {value}; does each axis of the reference have its sign?"))
 }
 
-/// Writes the files of the results.
+/// Writes the files of the results, --out if `is_written`.
 fn write_results(
     arguments: &Arguments,
     (settings, configuration): (&ConfigArgs, &Configuration),
     calibrated: &Calibrated,
-    earlier: &[PreviousCalibration],
-    comparison: Option<&Comparison>,
+    (earlier, comparison): (&[PreviousCalibration], Option<&Comparison>),
+    is_written: bool,
 ) -> Result<(), CommandError> {
     let mut outputs = Vec::new();
     if let Some(file) = &arguments.evaluation.json {
@@ -265,7 +267,6 @@ fn write_results(
         }
         outputs.push((file, format!("{json:#}\n")));
     }
-    let is_written = arguments.anyway || doubt(settings, calibrated, comparison).is_none();
     if let Some(file) = arguments.out.as_ref().filter(|_| is_written) {
         let solution = written(calibrated, comparison);
         outputs.push((file, settings.edited(report::overrides(solution.determined(), &solution.calibrations))?));

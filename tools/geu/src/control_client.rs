@@ -167,14 +167,14 @@ impl ControlClient {
             ))
         })?;
         AGENT.run(AGENT.configure_request(request).timeout_global(within).build()).map_err(|error| {
-            let expected = match error {
+            let what = match error {
                 // A stopped process answers once it continues.
                 ureq::Error::Timeout(_) => {
-                    "expected an answer in time; the emulator may still do what was asked, see geu monitor"
+                    "expected an answer in time, got none; the emulator may still do what was asked".to_owned()
                 }
-                _ => "expected a running emulator; geu run prints its address at the start",
+                error => format!("{error}; expected a running emulator; geu run prints its address at the start"),
             };
-            CommandError::failed(format!("--control {}: {error}; {expected}", self.control))
+            CommandError::failed(format!("--control {}: {what}", self.control))
         })
     }
 }

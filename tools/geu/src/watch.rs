@@ -148,7 +148,7 @@ fn watch<D: Decode>(
         let why = match samples as f64 * interval_s <= START_S {
             true => "the input ended within the first half hour".to_owned(),
             false => format!(
-                "expected more than half an hour of the input along the reference, got {:.0} s; is the reference of this recording?",
+                "expected more than half an hour of the input along the reference, got {:.0} s; is it the reference of this recording?",
                 monitor.compared_s()
             ),
         };

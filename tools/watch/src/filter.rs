@@ -207,8 +207,9 @@ pub fn carried(step: &Step) -> [(usize, f64); 4] {
     let [x, y, z] = step.turned;
     [(DRIFT, step.samples * SAMPLE_INTERVAL_S), (SCALE, x), (SCALE + 1, y), (SCALE + 2, z)]
 }
-/// The random walks of the difference of the pair.
-pub fn together(walks: &[RandomWalks; 4]) -> RandomWalks {
+
+/// The random walks of the difference of GYRZA and GYRZB.
+pub fn walks_of_pair(walks: &[RandomWalks; 4]) -> RandomWalks {
     let [a, b] = [Gyro::ZA, Gyro::ZB].map(|gyro| walks[gyro.index()]);
     RandomWalks {
         angle_arcsec_per_sqrt_s: a.angle_arcsec_per_sqrt_s.hypot(b.angle_arcsec_per_sqrt_s),

@@ -16,7 +16,7 @@ use geu_recording::{ReceivedSample, ReferenceAttitude};
 use crate::channel::{Channel, THRESHOLD};
 use crate::described::{DescribedHeads, Heads, default_counts, noises};
 use crate::event::{Event, Watch};
-use crate::filter::{CLEARANCES, CLEARANCES_ARCSEC, Noise, Step, together};
+use crate::filter::{CLEARANCES, CLEARANCES_ARCSEC, Noise, Step, walks_of_pair};
 use crate::reference_model::Model;
 
 /// Samples without an interruption after which the next one is reported.
@@ -77,7 +77,7 @@ impl Monitor {
                 (0..4).map(|gyro| Channel::new(noise(gyro), gyro.min(2))).collect()
             }
             None => {
-                vec![Channel::new(Noise { walks: together(&prior.walks), white: 0.0, half: 2.0 * HALF }, 2)]
+                vec![Channel::new(Noise { walks: walks_of_pair(&prior.walks), white: 0.0, half: 2.0 * HALF }, 2)]
             }
         };
         let heads = Heads::Default(Transfer::new(&prior.calibrations, GyroSet::WithZa));
