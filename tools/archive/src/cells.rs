@@ -10,7 +10,7 @@ use geu_protocol::capture::Timestamp;
 use geu_recording::archive::{CONTENT, ColumnKind, DEVICE};
 
 use crate::described::type_of;
-use crate::{Columns, Times, VERSION, emptied, field};
+use crate::{Columns, VERSION, field, time_columns, time_fields};
 
 /// Endings of names that are units, a longer one before its end.
 const UNITS: [&str; 2] = ["arcsec_per_h", "arcsec"];
@@ -19,13 +19,11 @@ const UNITS: [&str; 2] = ["arcsec_per_h", "arcsec"];
 type CellColumn<R> = (&'static str, ColumnKind, fn(&R) -> Option<String>);
 
 /// Time and cells of rows; numbers as the cells state them.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct CellColumns<R> {
     schema: SchemaRef,
     time: fn(&R) -> Option<Timestamp>,
-    times: Times,
-    rows: usize,
-    columns: Vec<(CellColumn<R>, Vec<Option<String>>)>,
+    columns: Vec<CellColumn<R>>,
 }
 
 impl<R> CellColumns<R> {
@@ -37,20 +35,14 @@ impl<R> CellColumns<R> {
         columns: impl Iterator<Item = CellColumn<R>>,
     ) -> CellColumns<R> {
         let columns: Vec<CellColumn<R>> = columns.collect();
-        let mut fields = Times::fields(TIME).to_vec();
+        let mut fields = time_fields(TIME).to_vec();
         fields.extend(columns.iter().map(|(name, kind, _)| {
             let has_unit = |unit: &&str| name.strip_suffix(unit).is_some_and(|rest| rest.ends_with('_'));
             field(name, type_of(*kind), UNITS.into_iter().find(has_unit).unwrap_or_default(), true)
         }));
         let metadata = [(CONTENT, content), (DEVICE, unit_name), (VERSION, env!("CARGO_PKG_VERSION"))];
         let metadata: HashMap<String, String> = metadata.map(|(key, value)| (key.to_owned(), value.to_owned())).into();
-        CellColumns {
-            schema: Arc::new(Schema::new_with_metadata(fields, metadata)),
-            time,
-            times: Times::default(),
-            rows: 0,
-            columns: columns.into_iter().map(|column| (column, Vec::new())).collect(),
-        }
+        CellColumns { schema: Arc::new(Schema::new_with_metadata(fields, metadata)), time, columns }
     }
 }
 
@@ -61,26 +53,14 @@ impl<R> Columns for CellColumns<R> {
         self.schema.clone()
     }
 
-    fn push(&mut self, row: &R) {
-        self.rows += 1;
-        self.times.push((self.time)(row));
-        self.columns.iter_mut().for_each(|((.., cell), cells)| cells.push(cell(row)));
-    }
-
-    fn len(&self) -> usize {
-        self.rows
-    }
-
-    fn take_batch(&mut self) -> RecordBatch {
-        self.rows = 0;
-        let mut columns: Vec<ArrayRef> = self.times.take_batch().to_vec();
-        columns.extend(self.columns.iter_mut().map(|((_, kind, _), cells)| array(*kind, emptied(cells))));
-        RecordBatch::try_new(self.schema.clone(), columns).expect("columns as the schema has them")
+    fn batch(&self, rows: &[R]) -> RecordBatch {
+        let mut columns: Vec<ArrayRef> = time_columns(rows.iter().map(self.time)).to_vec();
+        columns.extend(self.columns.iter().map(|(_, kind, cell)| array(*kind, rows.iter().map(cell))));
+        RecordBatch::try_new(self.schema(), columns).expect("columns as the schema has them")
     }
 }
 
-fn array(kind: ColumnKind, cells: Vec<Option<String>>) -> ArrayRef {
-    let cells = cells.into_iter();
+fn array(kind: ColumnKind, cells: impl Iterator<Item = Option<String>>) -> ArrayRef {
     match kind {
         ColumnKind::Text => Arc::new(cells.collect::<StringArray>()),
         ColumnKind::Flag => Arc::new(cells.map(|cell| cell.map(|cell| cell == "1")).collect::<BooleanArray>()),

@@ -10,35 +10,35 @@ use geu_model::device::{Device, TableWire};
 use geu_recording::DeviceSample;
 use geu_recording::archive::{ColumnKind, DESCRIPTION, DEVICE};
 
-use crate::{Columns, FILE, Times, VERSION, emptied, field};
+use crate::{Columns, FILE, VERSION, booleans, field, time_columns, time_fields};
 
 /// Columns of a described unit: time, number of the sample, its values by their names; start and trial if a table has them.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct DeviceColumns {
     schema: SchemaRef,
     interval_s: f64,
-    times: Times,
-    number: Vec<i64>,
-    values: Vec<(ColumnKind, Vec<f64>)>,
-    is_received: Vec<bool>,
-    start: Option<Times>,
-    group: Option<Vec<String>>,
+    kinds: Vec<ColumnKind>,
+    has_start: bool,
+    has_group: bool,
 }
 
 impl DeviceColumns {
     pub fn new(device: &Device) -> DeviceColumns {
         let has = |column: fn(&TableWire) -> bool| device.table.as_ref().is_some_and(column);
-        let start = has(|table| table.start.is_some()).then(Times::default);
-        let group = has(|table| table.group.is_some()).then(Vec::new);
-        let mut fields = Times::fields(TIME).to_vec();
+        let (has_start, has_group) = (has(|table| table.start.is_some()), has(|table| table.group.is_some()));
+        let mut fields = time_fields(TIME).to_vec();
         fields.push(Field::new(NUMBER, DataType::Int64, false));
         let kinds: Vec<ColumnKind> =
             (0..device.values().len()).map(|slot| ColumnKind::of_value(device, slot)).collect();
         let values = device.values().iter().zip(&kinds);
         fields.extend(values.map(|(value, kind)| field(&value.name, type_of(*kind), value.unit, true)));
         fields.push(Field::new(IS_RECEIVED, DataType::Boolean, false));
-        fields.extend(start.iter().flat_map(|_| Times::fields(START)));
-        fields.extend(group.iter().map(|_| Field::new(GROUP, DataType::Utf8, false)));
+        if has_start {
+            fields.extend(time_fields(START));
+        }
+        if has_group {
+            fields.push(Field::new(GROUP, DataType::Utf8, false));
+        }
         let description = &device.description;
         let metadata =
             [(DEVICE, device.unit_name()), (DESCRIPTION, &description.text), (VERSION, env!("CARGO_PKG_VERSION"))];
@@ -48,12 +48,9 @@ impl DeviceColumns {
         DeviceColumns {
             schema: Arc::new(Schema::new_with_metadata(fields, metadata)),
             interval_s: device.interval_s,
-            times: Times::default(),
-            number: Vec::new(),
-            values: kinds.into_iter().map(|kind| (kind, Vec::new())).collect(),
-            is_received: Vec::new(),
-            start,
-            group,
+            kinds,
+            has_start,
+            has_group,
         }
     }
 }
@@ -65,36 +62,21 @@ impl Columns for DeviceColumns {
         self.schema.clone()
     }
 
-    #[inline]
-    fn push(&mut self, row: &DeviceSample) {
-        self.times.push(Some(row.time_or_number(self.interval_s)));
-        self.number.push(row.number as i64);
-        for ((_, column), &value) in self.values.iter_mut().zip(&row.values) {
-            column.push(value);
+    fn batch(&self, rows: &[DeviceSample]) -> RecordBatch {
+        let times = rows.iter().map(|row| Some(row.time_or_number(self.interval_s)));
+        let mut columns: Vec<ArrayRef> = time_columns(times).to_vec();
+        columns.push(Arc::new(Int64Array::from_iter_values(rows.iter().map(|row| row.number as i64))));
+        let values = |slot: usize| rows.iter().map(move |row| row.values[slot]);
+        columns.extend(self.kinds.iter().enumerate().map(|(slot, kind)| array(*kind, values(slot))));
+        let is_received = rows.iter().map(|row| row.time.is_some().into()).collect::<Vec<u8>>();
+        columns.push(Arc::new(BooleanArray::from(booleans(&is_received, 0))));
+        if self.has_start {
+            columns.extend(time_columns(rows.iter().map(|row| row.start)));
         }
-        self.is_received.push(row.time.is_some());
-        if let Some(start) = &mut self.start {
-            start.push(row.start);
+        if self.has_group {
+            columns.push(Arc::new(StringArray::from_iter_values(rows.iter().map(|row| &row.group))));
         }
-        if let Some(group) = &mut self.group {
-            group.push(row.group.clone());
-        }
-    }
-
-    fn len(&self) -> usize {
-        self.number.len()
-    }
-
-    fn take_batch(&mut self) -> RecordBatch {
-        let mut columns: Vec<ArrayRef> = self.times.take_batch().to_vec();
-        columns.push(Arc::new(Int64Array::from(emptied(&mut self.number))));
-        columns.extend(self.values.iter_mut().map(|(kind, own)| array(*kind, &emptied(own))));
-        columns.push(Arc::new(BooleanArray::from(emptied(&mut self.is_received))));
-        columns.extend(self.start.iter_mut().flat_map(Times::take_batch));
-        if let Some(group) = &mut self.group {
-            columns.push(Arc::new(StringArray::from(emptied(group))));
-        }
-        RecordBatch::try_new(self.schema.clone(), columns).expect("columns as the schema has them")
+        RecordBatch::try_new(self.schema(), columns).expect("columns as the schema has them")
     }
 }
 
@@ -108,8 +90,8 @@ pub fn type_of(kind: ColumnKind) -> DataType {
 }
 
 /// A value that no frame had is null.
-fn array(kind: ColumnKind, values: &[f64]) -> ArrayRef {
-    let values = values.iter().map(|value| Some(*value).filter(|value| value.is_finite()));
+fn array(kind: ColumnKind, values: impl Iterator<Item = f64>) -> ArrayRef {
+    let values = values.map(|value| Some(value).filter(|value| value.is_finite()));
     match kind {
         ColumnKind::Flag => Arc::new(values.map(|value| value.map(|value| value != 0.0)).collect::<BooleanArray>()),
         ColumnKind::Whole => Arc::new(values.map(|value| value.map(|value| value as i64)).collect::<Int64Array>()),

@@ -14,7 +14,7 @@ mod file;
 mod truth;
 
 pub use cells::CellColumns;
-pub use columns::{Columns, UnitColumns};
+pub use columns::UnitColumns;
 pub use described::DeviceColumns;
 pub use file::{BatchFile, FileFormat, Partition};
 pub use truth::TruthColumns;
@@ -23,7 +23,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use arrow_array::{ArrayRef, Float64Array, Int8Array, Int16Array, TimestampMicrosecondArray};
-use arrow_buffer::NullBuffer;
+use arrow_buffer::{BooleanBuffer, Buffer, NullBuffer};
 use arrow_schema::{DataType, Field, TimeUnit};
 use geu_protocol::capture::Timestamp;
 
@@ -43,48 +43,48 @@ fn field(name: &str, kind: DataType, unit: &str, is_nullable: bool) -> Field {
     }
 }
 
-/// The columns of times: an instant in UTC to the microsecond, the same in seconds, the nanoseconds between both, and the decimals of the
-/// source.
-#[derive(Debug, Default)]
-struct Times {
-    time_us: Vec<i64>,
-    t_s: Vec<f64>,
-    rest_ns: Vec<i16>,
-    digits: Vec<i8>,
-    is_known: Vec<bool>,
+/// Rows as columns.
+pub trait Columns {
+    type Row;
+
+    /// Names, types and units of the columns; the unit in the metadata.
+    fn schema(&self) -> SchemaRef;
+
+    /// The columns of these rows.
+    fn batch(&self, rows: &[Self::Row]) -> RecordBatch;
 }
 
-impl Times {
-    fn fields([time, t_s, rest_ns, decimals]: [&str; 4]) -> [Field; 4] {
-        let utc = DataType::Timestamp(TimeUnit::Microsecond, Some("UTC".into()));
-        [
-            field(time, utc, "", true),
-            field(t_s, DataType::Float64, "s", true),
-            field(rest_ns, DataType::Int16, "ns", true),
-            field(decimals, DataType::Int8, "", true),
-        ]
-    }
+/// The columns of times: an instant in UTC to the microsecond, the same in seconds, the nanoseconds between both, and the decimals of the
+/// source.
+fn time_fields([time, t_s, rest_ns, decimals]: [&str; 4]) -> [Field; 4] {
+    let utc = DataType::Timestamp(TimeUnit::Microsecond, Some("UTC".into()));
+    [
+        field(time, utc, "", true),
+        field(t_s, DataType::Float64, "s", true),
+        field(rest_ns, DataType::Int16, "ns", true),
+        field(decimals, DataType::Int8, "", true),
+    ]
+}
 
-    #[inline]
-    fn push(&mut self, time: Option<Timestamp>) {
-        let t_ns = time.map_or(0, |time| time.t_ns);
-        let time_us = t_ns.div_euclid(1000) + i64::from(t_ns.rem_euclid(1000) >= 500);
-        self.time_us.push(time_us);
-        self.t_s.push(seconds(t_ns));
-        self.rest_ns.push((i128::from(t_ns) - i128::from(time_us) * 1000) as i16);
-        self.digits.push(time.map_or(0, |time| time.digits as i8));
-        self.is_known.push(time.is_some());
-    }
+fn time_columns(times: impl Iterator<Item = Option<Timestamp>> + Clone) -> [ArrayRef; 4] {
+    let known = nulls(times.clone().map(|time| time.is_some()));
+    let t_ns = times.clone().map(|time| time.map_or(0, |time| time.t_ns));
+    let time_us = t_ns.clone().map(rounded_us).collect::<Vec<i64>>();
+    let t_s = t_ns.clone().map(seconds).collect::<Vec<f64>>();
+    let rest_ns = |t_ns: i64| (i128::from(t_ns) - i128::from(rounded_us(t_ns)) * 1000) as i16;
+    let rest_ns = t_ns.map(rest_ns).collect::<Vec<i16>>();
+    let digits = times.map(|time| time.map_or(0, |time| time.digits as i8)).collect::<Vec<i8>>();
+    [
+        Arc::new(TimestampMicrosecondArray::new(time_us.into(), known.clone()).with_timezone("UTC")),
+        Arc::new(Float64Array::new(t_s.into(), known.clone())),
+        Arc::new(Int16Array::new(rest_ns.into(), known.clone())),
+        Arc::new(Int8Array::new(digits.into(), known)),
+    ]
+}
 
-    fn take_batch(&mut self) -> [ArrayRef; 4] {
-        let known = nulls(&mut self.is_known);
-        let time =
-            TimestampMicrosecondArray::new(emptied(&mut self.time_us).into(), known.clone()).with_timezone("UTC");
-        let t_s = Float64Array::new(emptied(&mut self.t_s).into(), known.clone());
-        let rest_ns = Int16Array::new(emptied(&mut self.rest_ns).into(), known.clone());
-        let digits = Int8Array::new(emptied(&mut self.digits).into(), known);
-        [Arc::new(time), Arc::new(t_s), Arc::new(rest_ns), Arc::new(digits)]
-    }
+#[inline]
+fn rounded_us(t_ns: i64) -> i64 {
+    t_ns.div_euclid(1000) + i64::from(t_ns.rem_euclid(1000) >= 500)
 }
 
 /// The nearest number of seconds, which the decimals of the time read as.
@@ -99,14 +99,50 @@ fn seconds(t_ns: i64) -> f64 {
     }
 }
 
-/// The values; the vector is empty afterwards, with the same capacity.
-fn emptied<T>(values: &mut Vec<T>) -> Vec<T> {
-    let capacity = values.capacity();
-    std::mem::replace(values, Vec::with_capacity(capacity))
+/// `None` if all are known.
+fn nulls(is_known: impl Iterator<Item = bool>) -> Option<NullBuffer> {
+    let is_known = booleans(&is_known.map(u8::from).collect::<Vec<u8>>(), 0);
+    (is_known.count_set_bits() < is_known.len()).then(|| NullBuffer::new(is_known))
 }
 
-/// `None` if all are known.
-fn nulls(is_known: &mut Vec<bool>) -> Option<NullBuffer> {
-    let is_known = emptied(is_known);
-    is_known.contains(&false).then(|| NullBuffer::from(is_known))
+/// This bit of each byte.
+fn booleans(bytes: &[u8], bit: u8) -> BooleanBuffer {
+    let of_eight = |bytes: &[u8]| {
+        let mut eight = [0; 8];
+        eight[..bytes.len()].copy_from_slice(bytes);
+        lowest_bits(u64::from_le_bytes(eight) >> bit)
+    };
+    let bits = bytes.chunks(8).map(of_eight).collect::<Vec<u8>>();
+    BooleanBuffer::new(Buffer::from_vec(bits), 0, bytes.len())
+}
+
+/// The lowest bit of each byte, that of the first byte first.
+fn lowest_bits(bytes: u64) -> u8 {
+    // The product moves the bit of byte i from 8 i to 56 + i; no two of its terms meet.
+    ((bytes & 0x0101_0101_0101_0101).wrapping_mul(0x0102_0408_1020_4080) >> 56) as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_bit_of_bytes_is_a_boolean() {
+        let bytes: Vec<u8> = (0..=255).chain([0x5a; 3]).collect();
+        for (length, bit) in [(0, 0), (1, 7), (7, 3), (8, 4), (9, 0), (259, 0), (259, 5), (259, 7)] {
+            let expected: Vec<bool> = bytes[..length].iter().map(|byte| byte >> bit & 1 == 1).collect();
+            assert_eq!(
+                booleans(&bytes[..length], bit).iter().collect::<Vec<bool>>(),
+                expected,
+                "{length} bytes, bit {bit}"
+            );
+        }
+    }
+
+    #[test]
+    fn unknown_values_are_nulls() {
+        assert_eq!(nulls([true; 9].into_iter()), None);
+        let nulls = nulls([true, false, true].into_iter()).unwrap();
+        assert_eq!(nulls.iter().collect::<Vec<bool>>(), [true, false, true]);
+    }
 }

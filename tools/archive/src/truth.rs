@@ -16,7 +16,7 @@ use geu_protocol::capture::Timestamp;
 use geu_recorder::{TruthRow, TruthTable, number_names};
 use geu_recording::archive::{CONTENT, DEVICE};
 
-use crate::{BatchFile, FileFormat, Times, VERSION, emptied, field};
+use crate::{BatchFile, FileFormat, VERSION, field, time_columns, time_fields};
 
 /// Rows of a batch.
 const BATCH_ROWS: usize = 1 << 16;
@@ -29,7 +29,7 @@ pub struct TruthColumns {
     gyro_names: Arc<StringArray>,
     /// True if every count is a whole number.
     is_rounded: bool,
-    times: Times,
+    times: Vec<Timestamp>,
     sequence: Vec<i32>,
     gyro: Vec<u8>,
     numbers: Vec<Vec<f64>>,
@@ -45,7 +45,7 @@ impl TruthColumns {
         let is_rounded = device.heads.iter().all(|head| head.is_rounded);
         let kind_of_gyro = DataType::Dictionary(DataType::UInt8.into(), DataType::Utf8.into());
         let kind_of_count = if is_rounded { DataType::Int64 } else { DataType::Float64 };
-        let mut fields = Times::fields(TIME).to_vec();
+        let mut fields = time_fields(TIME).to_vec();
         fields.push(field("sequence", DataType::Int32, "", false));
         fields.push(Field::new("gyro", kind_of_gyro, false));
         let unit = |name: &str| if name == "true_arcsec" { "arcsec" } else { "count" };
@@ -59,7 +59,7 @@ impl TruthColumns {
             schema: Arc::new(Schema::new_with_metadata(fields, metadata)),
             gyro_names: Arc::new(device.heads.iter().map(|head| Some(head.gyro.name())).collect()),
             is_rounded,
-            times: Times::default(),
+            times: Vec::new(),
             sequence: Vec::new(),
             gyro: Vec::new(),
             numbers: vec![Vec::new(); names.len()],
@@ -69,7 +69,7 @@ impl TruthColumns {
     }
 
     fn take_batch(&mut self) -> RecordBatch {
-        let mut columns: Vec<ArrayRef> = self.times.take_batch().to_vec();
+        let mut columns: Vec<ArrayRef> = time_columns(emptied(&mut self.times).iter().copied().map(Some)).to_vec();
         columns.push(Arc::new(Int32Array::from(emptied(&mut self.sequence))));
         let gyro = UInt8Array::from(emptied(&mut self.gyro));
         columns.push(Arc::new(DictionaryArray::new(gyro, self.gyro_names.clone())));
@@ -99,7 +99,7 @@ impl TruthTable for TruthColumns {
     }
 
     fn row(&mut self, time: Timestamp, sequence: u16, row: &TruthRow) -> io::Result<()> {
-        self.times.push(Some(time));
+        self.times.push(time);
         self.sequence.push(sequence.into());
         self.gyro.push(row.head as u8);
         self.numbers.iter_mut().zip(row.numbers).for_each(|(column, number)| column.push(*number));
@@ -113,4 +113,10 @@ impl TruthTable for TruthColumns {
     fn finish(&mut self) -> io::Result<()> {
         persist_all(vec![self.write_batch()?.finish()?])
     }
+}
+
+/// The values; the vector is empty afterwards, with the same capacity.
+fn emptied<T>(values: &mut Vec<T>) -> Vec<T> {
+    let capacity = values.capacity();
+    std::mem::replace(values, Vec::with_capacity(capacity))
 }

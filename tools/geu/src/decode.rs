@@ -16,7 +16,7 @@ use crate::input_args::{InputArgs, note_elsewhere};
 use crate::output_writer::OutputWriter;
 use crate::outputs::{OutputDirectory, OutputFile, persist};
 use crate::settings::choice;
-use output::{BATCH_ROWS, NoRows};
+use output::NoRows;
 pub use output::{ColumnPlace, ColumnRows, RowOutput, TextRows, verify_columns_place};
 use writer::Writer;
 
@@ -211,7 +211,7 @@ impl Arguments {
             Some(directory) => ColumnPlace::Partition(directory, self.force),
             None => ColumnPlace::File(self.out.as_ref()),
         };
-        ColumnRows { columns, format, place, files: None, has_rows: false }
+        ColumnRows::new(columns, format, place)
     }
 
     fn check_strict(&self, defects: u64) -> Result<(), CommandError> {

@@ -172,8 +172,7 @@ fn track<D: Decode>(
                 |track: &Track| track.time,
                 track_columns(device.is_some()).skip(1),
             );
-            let place = ColumnPlace::File(out);
-            track_to(arguments, reader, push, ColumnRows { columns, format, place, files: None, has_rows: false })
+            track_to(arguments, reader, push, ColumnRows::new(columns, format, ColumnPlace::File(out)))
         }
         Format::Text(format) => {
             let every = device.map_or(1, |device| ((TEXT_S / device.interval_s).round() as u64).max(1));

@@ -181,15 +181,17 @@ pub enum ColumnPlace<'a> {
 }
 
 /// Rows as columns.
-pub struct ColumnRows<'a, C> {
-    pub columns: C,
-    pub format: FileFormat,
-    pub place: ColumnPlace<'a>,
-    pub files: Option<ColumnFiles>,
-    pub has_rows: bool,
+pub struct ColumnRows<'a, C: Columns> {
+    columns: C,
+    format: FileFormat,
+    place: ColumnPlace<'a>,
+    files: Option<ColumnFiles>,
+    /// Rows until now, up to a batch.
+    rows: Vec<C::Row>,
+    has_batch: bool,
 }
 
-pub enum ColumnFiles {
+enum ColumnFiles {
     File(BatchFile),
     Partition(Partition),
 }
@@ -203,9 +205,13 @@ pub fn verify_columns_place(out: Option<&OutputFile>) -> Result<(), CommandError
 }
 
 /// Rows of a batch.
-pub const BATCH_ROWS: usize = 1 << 16;
+const BATCH_ROWS: usize = 1 << 16;
 
-impl<C: Columns> ColumnRows<'_, C> {
+impl<'a, C: Columns> ColumnRows<'a, C> {
+    pub fn new(columns: C, format: FileFormat, place: ColumnPlace<'a>) -> ColumnRows<'a, C> {
+        ColumnRows { columns, format, place, files: None, rows: Vec::new(), has_batch: false }
+    }
+
     fn failed(&self, error: std::io::Error) -> CommandError {
         match self.place {
             ColumnPlace::File(Some(file)) => file.write_error(error),
@@ -219,9 +225,10 @@ impl<C: Columns> ColumnRows<'_, C> {
 
     #[cold]
     fn write_batch(&mut self) -> Result<(), CommandError> {
-        self.has_rows = true;
+        self.has_batch = true;
         self.begin()?;
-        let batch = self.columns.take_batch();
+        let batch = self.columns.batch(&self.rows);
+        self.rows.clear();
         let written = match &mut self.files {
             Some(ColumnFiles::File(file)) => file.write(&batch),
             Some(ColumnFiles::Partition(files)) => files.write(&batch),
@@ -253,7 +260,7 @@ impl<C: Columns> ColumnRows<'_, C> {
     }
 }
 
-impl<C: Columns> RowOutput<C::Row> for ColumnRows<'_, C> {
+impl<C: Columns<Row: Clone>> RowOutput<C::Row> for ColumnRows<'_, C> {
     /// Standard output of an input that is refused stays empty.
     fn open(&mut self) -> Result<(), CommandError> {
         if matches!(self.place, ColumnPlace::File(None)) { Ok(()) } else { self.begin() }
@@ -261,17 +268,17 @@ impl<C: Columns> RowOutput<C::Row> for ColumnRows<'_, C> {
 
     #[inline]
     fn row(&mut self, row: &C::Row) -> Result<(), CommandError> {
-        self.columns.push(row);
-        if self.columns.len() >= BATCH_ROWS { self.write_batch() } else { Ok(()) }
+        self.rows.push(row.clone());
+        if self.rows.len() >= BATCH_ROWS { self.write_batch() } else { Ok(()) }
     }
 
     /// The first rows of a live input open the files, so that a failure is known at once.
     fn flush(&mut self) -> Result<(), CommandError> {
-        if self.has_rows || self.columns.is_empty() { Ok(()) } else { self.write_batch() }
+        if self.has_batch || self.rows.is_empty() { Ok(()) } else { self.write_batch() }
     }
 
     fn finish(mut self) -> Result<Vec<Output>, CommandError> {
-        if !self.columns.is_empty() {
+        if !self.rows.is_empty() {
             self.write_batch()?;
         }
         self.begin()?;

@@ -16,14 +16,14 @@ pub struct StreamDecoder {
     pub defects: u64,
 }
 
-struct Rows<C> {
-    columns: C,
+struct Rows<R> {
+    rows: Vec<R>,
     defects: u64,
 }
 
-impl<C: Columns> Sink<C::Row> for Rows<C> {
-    fn row(&mut self, row: &C::Row) {
-        self.columns.push(row);
+impl<R: Clone> Sink<R> for Rows<R> {
+    fn row(&mut self, row: &R) {
+        self.rows.push(row.clone());
     }
 
     fn defect(&mut self, _defect: &Defect) {
@@ -50,14 +50,16 @@ impl StreamDecoder {
 
     fn with<D, C>(mut decoder: D, columns: C) -> StreamDecoder
     where
-        D: Decode + Send + Sync + 'static,
+        D: Decode<Row: Clone + Send + Sync> + Send + Sync + 'static,
         C: Columns<Row = D::Row> + Send + Sync + 'static,
     {
-        let mut rows = Rows { columns, defects: 0 };
+        let mut rows = Rows { rows: Vec::new(), defects: 0 };
         decoder.begin("stream", &mut rows);
         let decode = move |bytes: &[u8]| {
             decoder.serial(bytes, None, &mut rows);
-            (rows.columns.take_batch(), rows.defects)
+            let batch = columns.batch(&rows.rows);
+            rows.rows.clear();
+            (batch, rows.defects)
         };
         StreamDecoder { decode: Box::new(decode), defects: 0 }
     }

@@ -1,15 +1,16 @@
 //! `geu decode` in memory: Arrow batches, for programs.
 
 use std::ffi::OsString;
+use std::mem;
 use std::sync::atomic::AtomicBool;
 use std::sync::atomic::Ordering::Relaxed;
 
 use clap::{Args, FromArgMatches};
 use geu_archive::{Columns, DeviceColumns, RecordBatch, SchemaRef, UnitColumns};
-use geu_recording::{Decode, Defect, InputReader, Sink};
+use geu_recording::{Decode, Defect, InputReader, Ordered, Sink, pool};
 use geu_report::rows::DefectLines;
 
-use super::{Arguments, BATCH_ROWS, gives_rows};
+use super::{Arguments, gives_rows};
 use crate::command_error::CommandError;
 use crate::device::{DEFAULT_DEVICE, device};
 
@@ -51,23 +52,35 @@ pub fn decode_table(
     }
 }
 
-fn table<D: Decode, C: Columns<Row = D::Row>>(
+fn table<D, C>(
     arguments: &Arguments,
     mut reader: InputReader<'_, D>,
     columns: C,
     stop: &AtomicBool,
-) -> Result<Option<DecodedTable>, CommandError> {
-    let mut batches =
-        Batches { columns, batches: Vec::new(), lines: DefectLines::default(), defects: Vec::new(), stop };
+) -> Result<Option<DecodedTable>, CommandError>
+where
+    D: Decode<Row: Clone + Send + 'static>,
+    C: Columns<Row = D::Row> + Clone + Send + 'static,
+{
+    let mut table = Table {
+        columns,
+        rows: Vec::new(),
+        made: pool().map(Ordered::new),
+        spare: Vec::new(),
+        batches: Vec::new(),
+        lines: DefectLines::default(),
+        defects: Vec::new(),
+        stop,
+    };
     let mut result = Ok(());
     for input in &arguments.inputs {
-        result = reader.read(input, &mut batches);
+        result = reader.read(input, &mut table);
         if result.is_err() || reader.is_stopped() {
             break;
         }
     }
-    let (summary, ending) = reader.finish(&mut batches);
-    if batches.is_closed() {
+    let (summary, ending) = reader.finish(&mut table);
+    if table.is_closed() {
         return Ok(None);
     }
     let result = result.and(ending);
@@ -76,42 +89,76 @@ fn table<D: Decode, C: Columns<Row = D::Row>>(
     {
         return Err(CommandError::input(error));
     }
-    batches.end_batch();
-    batches.lines.end(&mut batches.defects);
+    table.end_batches();
+    table.lines.end(&mut table.defects);
     arguments.check_strict(summary.account.defect_count())?;
     Ok(Some(DecodedTable {
-        schema: batches.columns.schema(),
-        batches: batches.batches,
+        schema: table.columns.schema(),
+        batches: table.batches,
         summary: summary.to_string(),
-        defects: String::from_utf8_lossy(&batches.defects).into_owned(),
+        defects: String::from_utf8_lossy(&table.defects).into_owned(),
         broken: result.err().map(|error| error.to_string()),
     }))
 }
 
+/// Rows of a batch, which stay in a core's cache until they are columns.
+const BATCH_ROWS: usize = 1 << 14;
+
 /// Collects batches and defects.
-struct Batches<'a, C> {
+struct Table<'a, C: Columns> {
     columns: C,
+    /// Rows until now, up to a batch.
+    rows: Vec<C::Row>,
+    /// Batches that other threads make, with the vectors of their rows; `None`: this thread makes them.
+    made: Option<Ordered<(RecordBatch, Vec<C::Row>)>>,
+    spare: Vec<Vec<C::Row>>,
     batches: Vec<RecordBatch>,
     lines: DefectLines,
     defects: Vec<u8>,
     stop: &'a AtomicBool,
 }
 
-impl<C: Columns> Batches<'_, C> {
+impl<C: Columns<Row: Send + 'static> + Clone + Send + 'static> Table<'_, C> {
     #[cold]
     fn end_batch(&mut self) {
-        if !self.columns.is_empty() {
-            self.batches.push(self.columns.take_batch());
+        let Some(made) = &mut self.made else {
+            self.batches.push(self.columns.batch(&self.rows));
+            return self.rows.clear();
+        };
+        let (columns, next) = (self.columns.clone(), self.spare.pop().unwrap_or_default());
+        let mut rows = mem::replace(&mut self.rows, next);
+        made.start(move || {
+            let batch = columns.batch(&rows);
+            rows.clear();
+            (batch, rows)
+        });
+        while self.made.as_ref().is_some_and(Ordered::is_full) {
+            self.take_batch();
         }
+    }
+
+    fn end_batches(&mut self) {
+        if !self.rows.is_empty() {
+            self.end_batch();
+        }
+        while self.take_batch() {}
+    }
+
+    /// Waits for a batch; false if there is none.
+    fn take_batch(&mut self) -> bool {
+        let Some((batch, rows)) = self.made.as_mut().and_then(Ordered::wait) else { return false };
+        self.batches.push(batch);
+        self.spare.push(rows);
+        true
     }
 }
 
-impl<C: Columns> Sink<C::Row> for Batches<'_, C> {
+impl<C: Columns<Row: Clone + Send + 'static> + Clone + Send + 'static> Sink<C::Row> for Table<'_, C> {
     #[inline]
     fn row(&mut self, row: &C::Row) {
         self.lines.end(&mut self.defects);
-        self.columns.push(row);
-        if self.columns.len() >= BATCH_ROWS {
+        self.rows.push(row.clone());
+        if self.rows.len() >= BATCH_ROWS {
             self.end_batch();
         }
     }
