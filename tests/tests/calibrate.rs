@@ -54,8 +54,11 @@ fn refused(arguments: &[&str]) -> String {
 
 /// A file beside the recording's, written anew from one of them.
 fn edited(temp_dir: &TempDir, name: &str, edit: impl Fn(&str) -> String) -> PathBuf {
-    let path = temp_dir.path().join(name);
-    let source = recording().join("can").join(name);
+    edited_file(temp_dir, &recording().join("can").join(name), edit)
+}
+
+fn edited_file(temp_dir: &TempDir, source: &Path, edit: impl Fn(&str) -> String) -> PathBuf {
+    let path = temp_dir.path().join(source.file_name().expect("a file"));
     fs::write(&path, edit(&fs::read_to_string(source).expect("recorded"))).expect("writable");
     path
 }
@@ -367,6 +370,25 @@ fn a_serial_recording_starts_with_the_attitude_data() {
     assert!(table.contains("GYRX scale factor"), "{table}");
     let (summary, error) = run(&[&["reconstruct"], &sensors[..]].concat());
     assert!(summary.contains("28000 samples") && !error.contains("outside"), "{summary}{error}");
+    assert!(!error.contains("depart"), "{error}");
+    // Of fixes with the opposite sign about one axis no attitude is written.
+    let reversed = edited_file(&temp_dir, &simulated.join("sse.csv"), |text| {
+        let (header, rows) = text.split_once('\n').expect("rows");
+        let reversed = rows.lines().map(|row| {
+            let cells: Vec<&str> = row.split(',').collect();
+            let psi_deg: f64 = cells[4].parse().expect("a number");
+            [&cells[..4], &[(360.0 - psi_deg).to_string().as_str()], &cells[5..]].concat().join(",") + "\n"
+        });
+        format!("{header}\n{}", reversed.collect::<String>())
+    });
+    let out = temp_dir.path().join("attitude.csv");
+    let sensors = ["reconstruct", "--link", &link, "--fss", &fss, "--sse", text(&reversed), "--out", text(&out)];
+    let refused = output(&sensors);
+    let error = String::from_utf8_lossy(&refused.stderr);
+    assert_eq!((refused.status.code(), out.exists()), (Some(1), false), "{error}");
+    assert!(error.contains("depart from the filter's attitude") && error.contains("its sign?"), "{error}");
+    let (_, error) = run(&[&sensors[..], &["--anyway"]].concat());
+    assert!(error.contains("is written anyway") && out.exists(), "{error}");
     for command in ["calibrate", "reconstruct"] {
         for bad in ["NaN", "1e30", "-1", "inf"] {
             let message = refused(&[&[command, "--start", bad], &sensors[..]].concat());

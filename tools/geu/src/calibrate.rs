@@ -212,9 +212,13 @@ fn report_results(
     if let Some(comparison) = &comparison {
         say!("\n{}", comparison_table(earlier, comparison))?;
     }
-    let Some(why) = doubt else { return Ok(()) };
-    match &arguments.out {
-        Some(file) if !is_written => {
+    doubt.map_or(Ok(()), |why| not_written_without(arguments.anyway, &why, arguments.out.as_ref()))
+}
+
+/// Says why a result is doubtful, and what became of its file.
+pub fn not_written_without(anyway: bool, why: &str, out: Option<&OutputFile>) -> Result<(), CommandError> {
+    match out {
+        Some(file) if !anyway => {
             return Err(CommandError::failed(format!("{why}; {file} is not written without --anyway")));
         }
         Some(file) => note(format_args!("geu: {why}; {file} is written anyway\n")),

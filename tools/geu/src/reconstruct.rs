@@ -5,6 +5,7 @@ use std::io::{self, BufWriter, Write};
 
 use clap::Args;
 use geu_calibration::absolute::AbsoluteData;
+use geu_calibration::compare::MIN_PROBABILITY;
 use geu_calibration::filter::{
     AttitudeErrorStats, AttitudeFix, FilterNoise, NodeEstimates, REQUIREMENT_ARCSEC, SurveyDayReport, Whiteness,
     checkout_calibration, cost_of_effects, reconstruct, survey_day,
@@ -17,7 +18,7 @@ use geu_protocol::{CanIdMap, Gyro};
 use geu_recording::DecoderOptions;
 use nalgebra::UnitQuaternion;
 
-use crate::calibrate::{read_counts, start_of_sensors_ns};
+use crate::calibrate::{not_written_without, read_counts, start_of_sensors_ns};
 use crate::command_error::{CommandError, note, say};
 use crate::outputs::OutputFile;
 use crate::settings::{ConfigArgs, LONGEST_S, NamedConfigArgs, choice, within};
@@ -65,6 +66,9 @@ pub struct Arguments {
     /// Write the smoothed attitude of each sample, with sigmas, as CSV
     #[arg(long, value_name = "CSV", requires = "link")]
     out: Option<OutputFile>,
+    /// Write --out even though the fixes depart by more than the sigmas
+    #[arg(long, requires = "out")]
+    anyway: bool,
 }
 
 const Z_GYROS: &[(&str, GyroSet, &str)] = &[("za", GyroSet::WithZa, "GYRZA"), ("zb", GyroSet::WithZb, "GYRZB")];
@@ -174,13 +178,27 @@ fn recording(
     say!("{} samples, gyros {}, {} fixes", counts.len(), names(in_use), fixes.len() - result.fixes_outside)?;
     say!("boresight, largest sigma: {filtered:.1} arcsec filtered, {smoothed:.1} smoothed")?;
     say!("{}", whiteness_text(&result.whiteness))?;
-    if let Some(out) = &arguments.out {
+    let doubt = doubt(&result.whiteness);
+    if let Some(out) = &arguments.out
+        && (arguments.anyway || doubt.is_none())
+    {
         let mut output = out.create()?;
         write_rows(&mut output, &counts, &rows)
             .and_then(|()| output.persist())
             .map_err(|error| out.write_error(error))?;
     }
-    Ok(())
+    doubt.map_or(Ok(()), |why| not_written_without(arguments.anyway, &why, arguments.out.as_ref()))
+}
+
+/// Why an attitude is not written without `--anyway`.
+fn doubt(whiteness: &Whiteness) -> Option<String> {
+    let (probability, rms) = (whiteness.probability(), whiteness.rms());
+    (probability < MIN_PROBABILITY).then(|| {
+        format!(
+            "the fixes depart from the filter's attitude by {rms:.1} times their sigmas: probability {probability:.1e}, expected \
+             {MIN_PROBABILITY} or more; are these fixes of this recording, and does each axis have its sign?"
+        )
+    })
 }
 
 /// A row per sample interval: the attitude at its end (control frame to inertial, the sun-referenced frame at the start of the

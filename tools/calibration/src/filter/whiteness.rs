@@ -51,6 +51,17 @@ impl Whiteness {
         }
     }
 
+    /// Probability of a sum of squares as large as that of these innovations, if the filter's sigmas are right; a small one says that
+    /// the attitude errs by more than its sigmas.
+    pub fn probability(&self) -> f64 {
+        chi2_survival(self.nis, self.nis_dof)
+    }
+
+    /// Root mean square of the normalised innovations; 0 without innovations.
+    pub fn rms(&self) -> f64 {
+        (self.nis / self.nis_dof.max(1) as f64).sqrt()
+    }
+
     /// True if neither test rejects, at 1 % for both together.
     pub fn is_white(&self) -> bool {
         self.nis_p.min(self.ljung_box_p) >= 0.5 * LEVEL
