@@ -286,6 +286,13 @@ fn an_address_is_connected_to_and_read_as_a_stream() {
             assert!(lines.next().is_none());
         }
     }
+    for (strict, code) in [(&[][..], 0), (&["--strict"], 1)] {
+        let arguments = [&["decode", &address, "--duration", "0.2"], strict].concat();
+        let output = geu().args(arguments).output().expect("geu starts");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{said}");
+        assert!(said.contains("no sample: nothing was received"), "{said}");
+    }
     drop(listener);
     let output = geu().args(["decode", &address]).output().expect("geu starts");
     let said = String::from_utf8_lossy(&output.stderr);

@@ -49,7 +49,7 @@ pub struct Arguments {
     /// The file is complete or absent.
     #[arg(long, value_name = "FILE")]
     defects: Option<OutputFile>,
-    /// Exit with 1 if there were defects.
+    /// Exit with 1 if there were defects, or no sample.
     #[arg(long)]
     strict: bool,
     /// Name or description of another unit than the default one (`geu device list`).
@@ -169,7 +169,7 @@ fn decode<D: Decode>(
     note_elsewhere(&summary);
     result?;
     arguments.reading.note_no_rows(&summary);
-    arguments.check_strict(summary.account.defect_count())
+    arguments.check_strict(&summary)
 }
 
 /// A format of rows.
@@ -214,10 +214,11 @@ impl Arguments {
         ColumnRows::new(columns, format, place)
     }
 
-    fn check_strict(&self, defects: u64) -> Result<(), CommandError> {
-        match self.strict && defects > 0 {
-            true => Err(CommandError::failed(format!("--strict: {defects} defects"))),
-            false => Ok(()),
+    fn check_strict(&self, summary: &DecodeSummary) -> Result<(), CommandError> {
+        match summary.account.defect_count() {
+            0 if self.strict && summary.rows == 0 => Err(CommandError::failed("--strict: no sample")),
+            defects if self.strict && defects > 0 => Err(CommandError::failed(format!("--strict: {defects} defects"))),
+            _ => Ok(()),
         }
     }
 }

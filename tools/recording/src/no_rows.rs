@@ -6,16 +6,19 @@ use crate::{DecodeSummary, DefectKind};
 /// Identifiers listed at most.
 const MAX_IDS: usize = 8;
 
-/// Reason why inputs gave no sample, and advice; `None` if they gave samples or have no content.
+/// Reason why inputs gave no sample, and advice; `None` if they gave samples.
 pub fn no_rows_reason(summary: &DecodeSummary, plan: CanIdMap, format: Option<&Format>) -> Option<String> {
     let account = &summary.account;
+    if summary.rows == 0 && account.records + account.bytes == 0 {
+        return Some("no sample: nothing was received".to_owned());
+    }
     if let Some(device) = summary.device.as_ref().filter(|_| summary.rows == 0) {
         let (other, bytes, defects) = (account.other, account.resynchronised_bytes, account.defect_count());
         return Some(format!(
             "no sample: expected frames or rows of {device}, see `geu device show`; got {other} other frames, {bytes} other bytes and {defects} defects"
         ));
     }
-    if summary.rows > 0 || account.elsewhere > 0 || account.records + account.bytes == 0 {
+    if summary.rows > 0 || account.elsewhere > 0 {
         return None;
     }
     let defects =

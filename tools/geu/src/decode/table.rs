@@ -91,7 +91,7 @@ where
     }
     table.end_batches();
     table.lines.end(&mut table.defects);
-    arguments.check_strict(summary.account.defect_count())?;
+    arguments.check_strict(&summary)?;
     Ok(Some(DecodedTable {
         schema: table.columns.schema(),
         batches: table.batches,
