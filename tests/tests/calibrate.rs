@@ -371,23 +371,22 @@ fn a_serial_recording_starts_with_the_attitude_data() {
     let (summary, error) = run(&[&["reconstruct"], &sensors[..]].concat());
     assert!(summary.contains("28000 samples") && !error.contains("outside"), "{summary}{error}");
     assert!(!error.contains("depart"), "{error}");
-    // Of fixes with the opposite sign about one axis no attitude is written.
-    let reversed = edited_file(&temp_dir, &simulated.join("sse.csv"), |text| {
+    // Of fixes with exchanged angles no attitude is written.
+    let exchanged = edited_file(&temp_dir, &simulated.join("sse.csv"), |text| {
         let (header, rows) = text.split_once('\n').expect("rows");
-        let reversed = rows.lines().map(|row| {
+        let exchanged = rows.lines().map(|row| {
             let cells: Vec<&str> = row.split(',').collect();
-            let psi_deg: f64 = cells[4].parse().expect("a number");
-            [&cells[..4], &[(360.0 - psi_deg).to_string().as_str()], &cells[5..]].concat().join(",") + "\n"
+            [&cells[..3], &[cells[4], cells[3]], &cells[5..]].concat().join(",") + "\n"
         });
-        format!("{header}\n{}", reversed.collect::<String>())
+        format!("{header}\n{}", exchanged.collect::<String>())
     });
     let out = temp_dir.path().join("attitude.csv");
-    let sensors = ["reconstruct", "--link", &link, "--fss", &fss, "--sse", text(&reversed), "--out", text(&out)];
-    let refused = output(&sensors);
-    let error = String::from_utf8_lossy(&refused.stderr);
-    assert_eq!((refused.status.code(), out.exists()), (Some(1), false), "{error}");
+    let arguments = ["reconstruct", "--link", &link, "--fss", &fss, "--sse", text(&exchanged), "--out", text(&out)];
+    let reconstructed = output(&arguments);
+    let error = String::from_utf8_lossy(&reconstructed.stderr);
+    assert_eq!((reconstructed.status.code(), out.exists()), (Some(1), false), "{error}");
     assert!(error.contains("depart from the filter's attitude") && error.contains("its sign?"), "{error}");
-    let (_, error) = run(&[&sensors[..], &["--anyway"]].concat());
+    let (_, error) = run(&[&arguments[..], &["--anyway"]].concat());
     assert!(error.contains("is written anyway") && out.exists(), "{error}");
     for command in ["calibrate", "reconstruct"] {
         for bad in ["NaN", "1e30", "-1", "inf"] {
