@@ -3,12 +3,15 @@
 //! Sequence and clock of the unit place the samples. Receive times, averaged over five minutes, date them: jitter averages
 //! out, a fast or drifting clock remains.
 
+mod bent_angle;
 mod device_reader;
+mod device_recording;
 mod head_reader;
 mod reader;
 mod table_trials;
 
-pub use device_reader::{ConstantRun, DeviceCountsReader, DeviceRecording, RowsLeftOut};
+pub use device_reader::DeviceCountsReader;
+pub use device_recording::{ConstantRun, DeviceRecording, RowsLeftOut};
 use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::field::{GYRO_FLAGS, unit_flag};
 use geu_protocol::{Gyro, Gyros, Sample};

@@ -1,7 +1,7 @@
 //! Reads [`AccumulatedCounts`] of a described unit, in arcsec, from the rows of its decoder.
 //!
 //! A unit of many samples per second has nodes at every few samples, as many in a recording as the default unit has.
-//! The rows of a table keep their own lengths: the angle between their ends is interpolated at the nodes.
+//! The rows of a table keep their own lengths: between their ends the angle is interpolated at the nodes, by a cubic through four ends.
 
 use geu_model::device::{Device, Head, Output};
 use geu_protocol::Gyros;
@@ -9,6 +9,8 @@ use geu_protocol::continuity::MAX_MISSING;
 use geu_protocol::layout::Quantity;
 use geu_recording::{Defect, DeviceSample, ReferenceAttitude, Sink};
 
+use super::bent_angle::BentAngle;
+use super::device_recording::{ConstantRun, DeviceRecording, RowsLeftOut};
 use super::head_reader::{HeadAngles, HeadReader, MISSING, slots};
 use super::reader::NodeReader;
 use super::table_trials::{TableTrials, TrialRow};
@@ -31,55 +33,6 @@ const MANY_SAMPLES: usize = 8;
 const NO_SAMPLE: [f64; 2] = [f64::INFINITY, f64::NEG_INFINITY];
 /// Temperature of a unit that sends none, °C.
 const UNKNOWN_C: f64 = 20.0;
-
-/// Samples of one gyro with exactly one value.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ConstantRun {
-    pub gyro: usize,
-    /// The nodes that contain it.
-    pub from: usize,
-    pub to: usize,
-    pub samples: u64,
-    /// The value, arcsec.
-    pub arcsec: f64,
-}
-
-/// A recording of a described unit.
-#[derive(Debug, Clone)]
-pub struct DeviceRecording {
-    /// Angles, arcsec.
-    pub counts: AccumulatedCounts,
-    /// True with receive times, or times of a table.
-    pub is_timed: bool,
-    pub constant: Vec<ConstantRun>,
-    /// Smallest and largest sample of each gyro after each node, arcsec.
-    pub extremes: Vec<Vec<[f64; 2]>>,
-    /// Smallest change of each gyro from sample to sample, arcsec.
-    pub steps: Vec<f64>,
-    /// Size of a count of each rate, arcsec over a sample; 0 for increments and real numbers.
-    pub rate_arcsec: Vec<f64>,
-    /// Outliers that are left out, for each gyro.
-    pub outliers: Vec<u64>,
-    pub samples: u64,
-    pub missing: u64,
-    /// Number of missing samples that are interpolated.
-    pub interpolated: u64,
-    pub defects: u64,
-    pub left_out: RowsLeftOut,
-}
-
-/// Number of rows that are no part of the recording.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct RowsLeftOut {
-    /// Rows at the time of an earlier row, or before it.
-    pub repeated: u64,
-    /// Rows of trials that the reference does not state; without trials in it, of others than the first.
-    pub of_other_trials: u64,
-    /// Rows of a trial after rows of a later trial of the reference.
-    pub out_of_order: u64,
-    /// Rows after more missing samples than a recording may have.
-    pub after_gap: u64,
-}
 
 /// The last samples of one gyro.
 #[derive(Debug, Clone)]
@@ -125,6 +78,8 @@ pub struct DeviceCountsReader {
     recent: Vec<Recent>,
     recording: Extras,
     trials: TableTrials,
+    /// The last row of a table, until the next one states how the angle bends in it.
+    held: Option<DeviceSample>,
     /// See [`DeviceRecording`].
     rate_arcsec: Vec<f64>,
 }
@@ -167,6 +122,7 @@ impl DeviceCountsReader {
             recent: vec![Recent::NONE; gyros.heads()],
             recording: Extras { outliers: vec![0; gyros.heads()], ..Extras::default() },
             trials: TableTrials::new(reference),
+            held: None,
             rate_arcsec: device.heads.iter().map(rate_arcsec).collect(),
         }
     }
@@ -178,19 +134,21 @@ impl DeviceCountsReader {
         }
     }
 
-    /// Moves on to an end, in samples, by an angle that grows evenly.
-    fn advance(&mut self, from: f64, to: f64, arcsec: &[f64], row: &DeviceSample) {
+    /// Moves on to an end, in samples, by these angles.
+    fn advance(&mut self, from: f64, to: f64, angles: &[BentAngle], row: &DeviceSample) {
         let mut at = from;
         loop {
             let next = ((self.nodes.node + 1) * self.per_node) as f64;
-            let share = (next.min(to) - at).max(0.0) / (to - from);
+            let until = at.max(next.min(to));
+            let [begin, end] = [at, until].map(|at| (at - from) / (to - from));
+            let arcsec: Vec<f64> = angles.iter().map(|own| own.at(end) - own.at(begin)).collect();
             for (one, own) in self.coning.iter_mut().enumerate() {
                 for (other, own) in own.iter_mut().enumerate() {
-                    *own += 0.5 * share * (self.since[one] * arcsec[other] - self.since[other] * arcsec[one]);
+                    *own += 0.5 * (self.since[one] * arcsec[other] - self.since[other] * arcsec[one]);
                 }
             }
-            self.since.iter_mut().zip(arcsec).for_each(|(since, arcsec)| *since += share * arcsec);
-            at = at.max(next.min(to));
+            self.since.iter_mut().zip(arcsec).for_each(|(since, arcsec)| *since += arcsec);
+            at = until;
             if next > to + 1e-6 {
                 break;
             }
@@ -288,6 +246,9 @@ impl DeviceCountsReader {
 
     /// The recording; `None` without a sample. `clock_start_ns` is the start of sample 0 of a recording without receive times.
     pub fn finish(mut self, clock_start_ns: i64) -> Option<DeviceRecording> {
+        if let Some(last) = self.held.take() {
+            self.add(&last, None);
+        }
         let start_ns = self.heads.start_ns(clock_start_ns)?;
         for gyro in 0..self.since.len() {
             self.examine(gyro, f64::NAN);
@@ -325,10 +286,10 @@ impl DeviceCountsReader {
             left_out,
         })
     }
-}
 
-impl Sink<DeviceSample> for DeviceCountsReader {
-    fn row(&mut self, row: &DeviceSample) {
+    /// Adds a row; `after` is the row after it of a table.
+    fn add(&mut self, row: &DeviceSample, after: Option<&DeviceSample>) {
+        let after = after.filter(|after| self.heads.is_beside(row, after));
         let (moved, number) = match self.trials.place(row) {
             TrialRow::Single => (None, None),
             TrialRow::Moved(moved, number) => (Some(moved), Some(number)),
@@ -345,7 +306,7 @@ impl Sink<DeviceSample> for DeviceCountsReader {
             return;
         };
         let all = self.nodes.gyros();
-        let HeadAngles { mut arcsec, invalid, saturated, length } = self.heads.angles(row, (from, to));
+        let HeadAngles { arcsec, invalid, saturated, length } = self.heads.angles(row, (from, to));
         let missing_samples = from - self.heads.end;
         if missing_samples > MISSING {
             let missing = missing_samples.round() as u64;
@@ -368,7 +329,8 @@ impl Sink<DeviceSample> for DeviceCountsReader {
                 let mean = 0.5 * (before + after) * missing_samples;
                 if is_short && mean.is_finite() { mean } else { 0.0 }
             };
-            let between: Vec<f64> = self.recent.iter().zip(&arcsec).map(between).collect();
+            let between = self.recent.iter().zip(&arcsec).map(between);
+            let between: Vec<BentAngle> = between.map(BentAngle::even).collect();
             self.exclude(all, kind);
             let (before, samples) = (self.nodes.node, self.per_node);
             self.advance(self.heads.end, from, &between, row);
@@ -381,16 +343,32 @@ impl Sink<DeviceSample> for DeviceCountsReader {
         }
         self.recording.samples += 1;
         self.trials.note(number);
-        for (gyro, arcsec) in arcsec.iter_mut().enumerate() {
-            match arcsec.is_nan() {
-                true => *arcsec = 0.0,
-                false => self.examine(gyro, *arcsec),
+        let is_touching = missing_samples <= MISSING;
+        let after = after.filter(|_| is_touching).map(|after| self.heads.angles(after, (from, to)).arcsec);
+        let mut angles = Vec::with_capacity(arcsec.len());
+        for (gyro, arcsec) in arcsec.into_iter().enumerate() {
+            if arcsec.is_nan() {
+                angles.push(BentAngle::even(0.0));
+                continue;
             }
-            *arcsec *= length;
+            let (before, after) = (self.recent[gyro].values[0], after.as_ref().map_or(f64::NAN, |after| after[gyro]));
+            self.examine(gyro, arcsec);
+            let [before, own, after] = [before, arcsec, after].map(|arcsec| length * arcsec);
+            angles.push(BentAngle::between(before, own, after));
         }
         self.exclude(invalid, BreakKind::Invalid);
         self.exclude(saturated, BreakKind::Saturated);
-        self.advance(from, to, &arcsec, row);
+        self.advance(from, to, &angles, row);
+    }
+}
+
+impl Sink<DeviceSample> for DeviceCountsReader {
+    fn row(&mut self, row: &DeviceSample) {
+        if !self.heads.is_table {
+            self.add(row, None);
+        } else if let Some(held) = self.held.replace(row.clone()) {
+            self.add(&held, Some(row));
+        }
     }
 
     fn defect(&mut self, _defect: &Defect) {

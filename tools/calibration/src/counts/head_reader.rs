@@ -118,6 +118,13 @@ impl HeadReader {
         (to > self.end).then_some((from, to))
     }
 
+    /// True if a row of a table begins where another one ends: its time is about an interval later.
+    pub fn is_beside(&self, row: &DeviceSample, after: &DeviceSample) -> bool {
+        let passed =
+            row.time.zip(after.time).map(|(time, after)| (after.t_ns - time.t_ns) as f64 * 1e-9 / self.interval_s);
+        row.group == after.group && passed.is_some_and(|passed| (passed - 1.0).abs() < MISSING)
+    }
+
     /// The angles of a row that lasts from one end to the other.
     pub fn angles(&self, row: &DeviceSample, (from, to): (f64, f64)) -> HeadAngles {
         let all = self.gyros;
