@@ -32,7 +32,7 @@ const CASES: [(&str, &str); 17] = [
     ("diagnose --json", DIAGNOSE),
     ("diagnose --next-manoeuvre", AMBIGUOUS),
     ("diagnose --out", DIAGNOSE),
-    ("reconstruct --out", "--config @unit.toml --link @long/link.log --sse @long/sse.csv"),
+    ("reconstruct --out", "--link @long/link.log --sse @long/sse.csv"),
     ("replay --junit", "@short.log --tcp 127.0.0.1:0 --speed 100"),
     ("run --junit", "@unit.toml --tcp 127.0.0.1:0 --control off --duration 0.5"),
     ("simulate --junit", "@unit.toml --duration 1 --out @new"),
