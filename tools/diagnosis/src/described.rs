@@ -48,11 +48,11 @@ pub fn diagnose_device(
     let start_s = lag_s - raw.offset_s(reference);
     let mut trial_drifts = TrialDrifts::none(&reference.trials, start_s, raw.gyros);
     let mut accelerations = AccelerationDrifts::none(&raw, reference, lag_s);
-    let (fitted, clock_ppm) = loop {
+    let fitted = loop {
         let mut unsmoothed = MeasuredData::combined(checked.counts.clone(), reference, lag_s, None, None)?;
         unsmoothed.clock_ppm = aligned_ppm;
         let case = DiagnosisCase::new(&unsmoothed, &nominal);
-        let (mut fitted, clock_ppm) = solution::fitted_with_clock(&case);
+        let mut fitted = solution::fitted_with_clock(&case);
         // The residual before the fit contained calibration parameters.
         fitted.noise = noise::configured(&nominal, &unsmoothed, &case.rounding, &case.residual(&fitted));
         case.fit(&mut fitted);
@@ -63,9 +63,10 @@ pub fn diagnose_device(
         }
         if accelerations.is_found() == is_known {
             trial_drifts.subtract((&mut checked.counts, &residual), &case, &fitted);
-            break (fitted, clock_ppm);
+            break fitted;
         }
     };
+    let clock_ppm = fitted.held.first().map_or(0.0, |clock| clock.hypothesis.value);
     // A lag within that of a link changes no attitude.
     let lag_s = lag_s + fitted.shifts.lag_s;
     let is_late = lag_s.abs() > LAG_S + THREE_SIGMAS * fitted.lag_sigma_s;

@@ -272,21 +272,18 @@ fn aligned_clock(case: &DiagnosisCase) -> Option<FittedHypothesis> {
     clock(case).filter(|_| case.measured.clock_ppm != 0.0)
 }
 
-/// Calibration parameters and lag fitted without an effect, and the error of a clock by which nodes without receive times are dated, ppm: 0
-/// if the motion does not show it by far.
-pub fn fitted_with_clock(case: &DiagnosisCase) -> (ModelState, f64) {
-    let mut fitted = fitted(case);
-    if let Some(held) = fitted.held.pop() {
-        return (fitted, held.hypothesis.value);
+/// Calibration parameters and lag fitted without an effect; the error of a clock by which nodes without receive times are dated is held
+/// if the motion shows it by far.
+pub fn fitted_with_clock(case: &DiagnosisCase) -> ModelState {
+    let fitted = fitted(case);
+    if !fitted.held.is_empty() {
+        return fitted;
     }
-    let Some(clock) = clock(case) else { return (fitted, 0.0) };
+    let Some(clock) = clock(case) else { return fitted };
     let mut with = fitted.clone();
     with.held.push(clock);
     let fall = case.normal(&mut fitted.clone()).squares() - case.fit(&mut with).squares();
-    match with.held.pop().filter(|_| fall > EVIDENT_CHI2) {
-        Some(held) => (with, held.hypothesis.value),
-        None => (fitted, 0.0),
-    }
+    if fall > EVIDENT_CHI2 { with } else { fitted }
 }
 
 fn is_noise(selected: &SelectedModel, thresholds: &Thresholds) -> bool {

@@ -8,6 +8,7 @@ use geu_calibration::transfer::sensing_matrix;
 use geu_checks::median;
 use geu_model::Configuration;
 use geu_model::attitude::RecordedAttitude;
+use geu_model::units::PPM;
 use geu_recording::ReferenceAttitude;
 use nalgebra::Vector3;
 
@@ -55,6 +56,7 @@ impl ReferenceMotion {
         nominal: &Configuration,
         blocks: usize,
     ) -> ReferenceMotion {
+        let nominal = &with_clock(nominal);
         let (matrix, sigma_arcsec) = (sensing_matrix(nominal), &reference.sigma_arcsec[..]);
         // Two gyros do not show a motion.
         if rotation_of_heads(&matrix, counts.gyros).is_none() {
@@ -103,6 +105,17 @@ impl ReferenceMotion {
         let (motion, smoothed) = (Some(motion), Some(smoothed));
         ReferenceMotion { motion, smoothed, has_rows, glitches_s: glitches_s(&rows), ..given }
     }
+}
+
+/// The configuration with the factor that its clock has on counts as a part of the calibration ([`geu_model::effect::Head::counts`]).
+fn with_clock(configuration: &Configuration) -> Configuration {
+    let mut with = configuration.clone();
+    let factor = 1.0 - configuration.unit.constant.clock_frequency.ppm * PPM;
+    for calibration in with.gyros.iter_mut().map(|gyro| &mut gyro.calibration) {
+        calibration.scale_factor *= factor;
+        calibration.drift_arcsec_per_half_s *= factor;
+    }
+    with
 }
 
 /// For each block true if it has a row; with `all_nodes`, and if all its nodes are between the first and the last row of a part of which all turns
