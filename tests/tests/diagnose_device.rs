@@ -238,7 +238,7 @@ fn findings(diagnosis: &Value) -> Vec<&str> {
 #[test]
 fn exchanged_heads_late_samples_and_a_fast_clock_are_found_together() {
     // 200 s: the less the clock shows, the more a fit without it would spoil.
-    let late = |number, t_s: f64, [x, y, z]: [f64; 3]| (number <= 4000).then(|| (t_s * 1.003 + 0.8, [x, z, y]));
+    let late = |number, t_s: f64, [x, y, z]: [f64; 3]| (number <= 4000).then_some((t_s * 1.003 + 0.8, [x, z, y]));
     let diagnosis = of_table(late, |_| 20.0, 0.2);
     let named: Vec<String> = missing(&diagnosis).into_iter().map(|own| own.0).collect();
     assert_eq!(named, ["axis-swap", "clock-frequency", "time-offset"], "{diagnosis}");

@@ -196,7 +196,7 @@ fn doubt(whiteness: &Whiteness) -> Option<String> {
     (probability < MIN_PROBABILITY).then(|| {
         format!(
             "the fixes depart from the filter's attitude by {rms:.1} times their sigmas: probability {probability:.1e}, expected \
-             {MIN_PROBABILITY} or more; are configuration and fixes those of this recording, and does each axis have its sign?"
+             {MIN_PROBABILITY} or more; do configuration and fixes belong to this recording, and does each axis have its sign?"
         )
     })
 }
