@@ -46,7 +46,7 @@ impl<R> CellColumns<R> {
     }
 }
 
-impl<R> Columns for CellColumns<R> {
+impl<R: Clone + Send + 'static> Columns for CellColumns<R> {
     type Row = R;
 
     fn schema(&self) -> SchemaRef {

@@ -44,8 +44,8 @@ fn field(name: &str, kind: DataType, unit: &str, is_nullable: bool) -> Field {
 }
 
 /// Rows as columns.
-pub trait Columns {
-    type Row;
+pub trait Columns: Clone + Send + 'static {
+    type Row: Clone + Send + 'static;
 
     /// Names, types and units of the columns; the unit in the metadata.
     fn schema(&self) -> SchemaRef;

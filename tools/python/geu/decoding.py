@@ -95,7 +95,7 @@ def decode(inputs: Paths, *, device: StrPath | None = None, base: str | None = N
     duration : float or str, optional
         End of a live input: seconds, or ``"10m"``. A live input without it ends with Ctrl-C, and yields no table.
     strict : bool
-        Defects are an error, and no sample.
+        Defects are an error; so is an input without a sample.
 
     Returns
     -------

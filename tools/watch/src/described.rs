@@ -164,7 +164,7 @@ impl Watch<DeviceSample> for DeviceMonitor {
             self.monitor.skip((node - self.node).min(MAX_MISSING));
         }
         self.node = node;
-        let HeadAngles { arcsec, invalid, saturated, .. } = self.reader.angles(row, (from, to));
+        let HeadAngles { arcsec, invalid, saturated } = self.reader.angles(row);
         for (kind, gyros) in [(BreakKind::Invalid, invalid), (BreakKind::Saturated, saturated)] {
             if !gyros.is_empty() {
                 self.broken = self.broken.and(gyros);

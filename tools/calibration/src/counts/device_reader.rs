@@ -9,7 +9,7 @@ use geu_protocol::continuity::MAX_MISSING;
 use geu_protocol::layout::Quantity;
 use geu_recording::{Defect, DeviceSample, ReferenceAttitude, Sink};
 
-use super::bent_angle::BentAngle;
+use super::bent_angle::{BentAngle, BesideRow};
 use super::device_recording::{ConstantRun, DeviceRecording, RowsLeftOut};
 use super::head_reader::{HeadAngles, HeadReader, MISSING, slots};
 use super::reader::NodeReader;
@@ -80,6 +80,8 @@ pub struct DeviceCountsReader {
     trials: TableTrials,
     /// The last row of a table, until the next one states how the angle bends in it.
     held: Option<DeviceSample>,
+    /// Length of the row before, in nominal samples.
+    length_before: f64,
     /// See [`DeviceRecording`].
     rate_arcsec: Vec<f64>,
 }
@@ -123,6 +125,7 @@ impl DeviceCountsReader {
             recording: Extras { outliers: vec![0; gyros.heads()], ..Extras::default() },
             trials: TableTrials::new(reference),
             held: None,
+            length_before: f64::NAN,
             rate_arcsec: device.heads.iter().map(rate_arcsec).collect(),
         }
     }
@@ -287,9 +290,28 @@ impl DeviceCountsReader {
         })
     }
 
+    /// Angles of a row of this length, in nominal samples, between the row before and the row after, with its length.
+    fn bent(&self, arcsec: &[f64], length: f64, after: Option<(f64, Vec<f64>)>) -> Vec<BentAngle> {
+        let row = |row_length: f64, arcsec: f64| BesideRow {
+            length: row_length / length,
+            arcsec: arcsec * self.heads.rate_length(row_length),
+        };
+        let angle = |(gyro, &arcsec): (usize, &f64)| {
+            let own = if arcsec.is_nan() { 0.0 } else { arcsec * self.heads.rate_length(length) };
+            match &after {
+                Some((after_length, after)) if !arcsec.is_nan() => {
+                    let before = row(self.length_before, self.recent[gyro].values[0]);
+                    BentAngle::between(before, own, row(*after_length, after[gyro]))
+                }
+                _ => BentAngle::even(own),
+            }
+        };
+        arcsec.iter().enumerate().map(angle).collect()
+    }
+
     /// Adds a row; `after` is the row after it of a table.
     fn add(&mut self, row: &DeviceSample, after: Option<&DeviceSample>) {
-        let after = after.filter(|after| self.heads.is_beside(row, after));
+        let after = after.and_then(|after| Some((self.heads.length_after(row, after)?, after)));
         let (moved, number) = match self.trials.place(row) {
             TrialRow::Single => (None, None),
             TrialRow::Moved(moved, number) => (Some(moved), Some(number)),
@@ -306,7 +328,7 @@ impl DeviceCountsReader {
             return;
         };
         let all = self.nodes.gyros();
-        let HeadAngles { arcsec, invalid, saturated, length } = self.heads.angles(row, (from, to));
+        let HeadAngles { arcsec, invalid, saturated } = self.heads.angles(row);
         let missing_samples = from - self.heads.end;
         if missing_samples > MISSING {
             let missing = missing_samples.round() as u64;
@@ -343,18 +365,13 @@ impl DeviceCountsReader {
         }
         self.recording.samples += 1;
         self.trials.note(number);
+        let length = to - from;
         let is_touching = missing_samples <= MISSING;
-        let after = after.filter(|_| is_touching).map(|after| self.heads.angles(after, (from, to)).arcsec);
-        let mut angles = Vec::with_capacity(arcsec.len());
-        for (gyro, arcsec) in arcsec.into_iter().enumerate() {
-            if arcsec.is_nan() {
-                angles.push(BentAngle::even(0.0));
-                continue;
-            }
-            let (before, after) = (self.recent[gyro].values[0], after.as_ref().map_or(f64::NAN, |after| after[gyro]));
+        let after = after.filter(|_| is_touching).map(|(length, after)| (length, self.heads.arcsec(after)));
+        let angles = self.bent(&arcsec, length, after);
+        self.length_before = length;
+        for (gyro, arcsec) in arcsec.into_iter().enumerate().filter(|(_, arcsec)| !arcsec.is_nan()) {
             self.examine(gyro, arcsec);
-            let [before, own, after] = [before, arcsec, after].map(|arcsec| length * arcsec);
-            angles.push(BentAngle::between(before, own, after));
         }
         self.exclude(invalid, BreakKind::Invalid);
         self.exclude(saturated, BreakKind::Saturated);

@@ -40,8 +40,6 @@ pub struct HeadAngles {
     pub arcsec: Vec<f64>,
     pub invalid: Gyros,
     pub saturated: Gyros,
-    /// Length over which a rate lasts, in nominal samples.
-    pub length: f64,
 }
 
 /// Slots of the values of a unit that are wanted.
@@ -118,18 +116,28 @@ impl HeadReader {
         (to > self.end).then_some((from, to))
     }
 
-    /// True if a row of a table begins where another one ends: its time is about an interval later.
-    pub fn is_beside(&self, row: &DeviceSample, after: &DeviceSample) -> bool {
-        let passed =
-            row.time.zip(after.time).map(|(time, after)| (after.t_ns - time.t_ns) as f64 * 1e-9 / self.interval_s);
-        row.group == after.group && passed.is_some_and(|passed| (passed - 1.0).abs() < MISSING)
+    /// Length of the row after a row of a table, in nominal samples; `None` if it is farther off than the next one.
+    pub fn length_after(&self, row: &DeviceSample, after: &DeviceSample) -> Option<f64> {
+        let (end, after_end) = row.time.zip(after.time).filter(|_| row.group == after.group)?;
+        let length = after_end.t_ns.saturating_sub(end.t_ns) as f64 * 1e-9 / self.interval_s;
+        ((length - 1.0).abs() < MISSING).then_some(length)
     }
 
-    /// The angles of a row that lasts from one end to the other.
-    pub fn angles(&self, row: &DeviceSample, (from, to): (f64, f64)) -> HeadAngles {
-        let all = self.gyros;
+    /// Angle of each head over the nominal interval of rates, or over the row of increments, arcsec; `NaN` if missing.
+    pub fn arcsec(&self, row: &DeviceSample) -> Vec<f64> {
         let finite = |arcsec: f64| if arcsec.is_finite() { arcsec } else { f64::NAN };
-        let arcsec: Vec<f64> = self.heads.iter().map(|&(slot, arcsec)| finite(row.values[slot] * arcsec)).collect();
+        self.heads.iter().map(|&(slot, arcsec)| finite(row.values[slot] * arcsec)).collect()
+    }
+
+    /// Length over which a rate lasts in a row of this length, in nominal samples; an increment is that of its row.
+    pub fn rate_length(&self, length: f64) -> f64 {
+        if self.is_rate && self.is_table { length } else { 1.0 }
+    }
+
+    /// The angles of a row.
+    pub fn angles(&self, row: &DeviceSample) -> HeadAngles {
+        let all = self.gyros;
+        let arcsec = self.arcsec(row);
         let flagged = |kind: BreakKind| {
             let own = self.flags.iter().filter(|own| own.3 == kind && row.values[own.0] == own.2);
             own.fold(all.with_mask(0), |gyros, own| gyros.and(all.only(own.1)))
@@ -138,7 +146,6 @@ impl HeadReader {
             invalid: flagged(BreakKind::Invalid).and(all.filter(|gyro| arcsec[gyro].is_nan())),
             saturated: flagged(BreakKind::Saturated)
                 .and(all.filter(|gyro| self.clipped_arcsec[gyro].contains(&arcsec[gyro].abs()))),
-            length: if self.is_rate && self.is_table { to - from } else { 1.0 },
             arcsec,
         }
     }

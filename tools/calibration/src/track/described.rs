@@ -71,7 +71,8 @@ impl DeviceTracker {
         let (from, to) = self.reader.place(row)?;
         let missing = (from - self.reader.end).round() as u64;
         self.reader.end = to;
-        let HeadAngles { mut arcsec, invalid, saturated, length } = self.reader.angles(row, (from, to));
+        let HeadAngles { mut arcsec, invalid, saturated } = self.reader.angles(row);
+        let length = self.reader.rate_length(to - from);
         let all = self.in_use.0.unit();
         let (mut reasons, mut events) = (vec![], vec![]);
         if missing > 0 {

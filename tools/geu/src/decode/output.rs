@@ -260,7 +260,7 @@ impl<'a, C: Columns> ColumnRows<'a, C> {
     }
 }
 
-impl<C: Columns<Row: Clone>> RowOutput<C::Row> for ColumnRows<'_, C> {
+impl<C: Columns> RowOutput<C::Row> for ColumnRows<'_, C> {
     /// Standard output of an input that is refused stays empty.
     fn open(&mut self) -> Result<(), CommandError> {
         if matches!(self.place, ColumnPlace::File(None)) { Ok(()) } else { self.begin() }

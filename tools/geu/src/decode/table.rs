@@ -59,8 +59,8 @@ fn table<D, C>(
     stop: &AtomicBool,
 ) -> Result<Option<DecodedTable>, CommandError>
 where
-    D: Decode<Row: Clone + Send + 'static>,
-    C: Columns<Row = D::Row> + Clone + Send + 'static,
+    D: Decode<Row: Send + 'static>,
+    C: Columns<Row = D::Row>,
 {
     let mut table = Table {
         columns,
@@ -118,7 +118,7 @@ struct Table<'a, C: Columns> {
     stop: &'a AtomicBool,
 }
 
-impl<C: Columns<Row: Send + 'static> + Clone + Send + 'static> Table<'_, C> {
+impl<C: Columns> Table<'_, C> {
     #[cold]
     fn end_batch(&mut self) {
         let Some(made) = &mut self.made else {
@@ -153,7 +153,7 @@ impl<C: Columns<Row: Send + 'static> + Clone + Send + 'static> Table<'_, C> {
     }
 }
 
-impl<C: Columns<Row: Clone + Send + 'static> + Clone + Send + 'static> Sink<C::Row> for Table<'_, C> {
+impl<C: Columns> Sink<C::Row> for Table<'_, C> {
     #[inline]
     fn row(&mut self, row: &C::Row) {
         self.lines.end(&mut self.defects);
