@@ -20,7 +20,7 @@ const ERROR_FLAG: u32 = 0x2000_0000;
 
 #[derive(Debug, Default)]
 struct Candump {
-    last_seconds: LastSeconds,
+    last_tens: LastTens,
     last_interface: LastInterface,
     data: [u8; 8],
 }
@@ -68,12 +68,13 @@ impl LineFormat for Candump {
     fn read_usual<'a>(&'a mut self, bytes: &'a [u8]) -> Option<(Frame<'a>, usize)> {
         let line: &[u8; USUAL] = bytes.first_chunk()?;
         let start = u128::from_le_bytes(part(line, 0));
-        if start & self.last_seconds.mask != self.last_seconds.text {
-            self.last_seconds = LastSeconds::new(line)?;
+        if start & self.last_tens.mask != self.last_tens.text {
+            self.last_tens = LastTens::new(line)?;
         }
-        let (LastSeconds { point, t_ns: seconds_ns, .. }, name) = (self.last_seconds, self.last_interface);
-        // The digit before the point and the point itself become zeros in front of the six digits.
-        let micros = eight_digits(word(line, point - 1) & !0xFFFF | 0x3030)?;
+        let (LastTens { point, t_ns: tens_ns, .. }, name) = (self.last_tens, self.last_interface);
+        // The digit before the point moves into the place of the point, behind a zero.
+        let around = word(line, point - 1);
+        let micros = eight_digits(around & !0xFFFF | (around & 0xFF) << 8 | 0x30)?;
         let name_at = point + 9;
         if part(line, point + 7) != *b") " || word(line, name_at) & name.mask != name.word {
             return None;
@@ -88,7 +89,7 @@ impl LineFormat for Candump {
             return None;
         }
         self.data = hex_data(rest[4..].first_chunk()?)?;
-        let t_ns = seconds_ns.checked_add(micros as i64 * 1_000)?;
+        let t_ns = tens_ns.checked_add(micros as i64 * 1_000)?;
         let interface = &bytes[name_at..name_at + name.name_length];
         let frame =
             Frame { time: Some(Timestamp { t_ns, digits: 6 }), interface, id, extended: false, data: &self.data };
@@ -99,9 +100,10 @@ impl LineFormat for Candump {
 /// Bytes that hold every line of the usual form.
 const USUAL: usize = 64;
 
-/// Seconds of the line before, with the parenthesis before them and the point behind; many lines have the same.
+/// Seconds of the line before but for their last digit, with the parenthesis before them and the point behind; many lines have
+/// the same.
 #[derive(Debug, Clone, Copy)]
-struct LastSeconds {
+struct LastTens {
     text: u128,
     mask: u128,
     /// Offset of the point, 2 to 11.
@@ -109,24 +111,24 @@ struct LastSeconds {
     t_ns: i64,
 }
 
-impl Default for LastSeconds {
+impl Default for LastTens {
     /// The seconds of no line.
-    fn default() -> LastSeconds {
-        LastSeconds { text: u128::MAX, mask: 0, point: 2, t_ns: 0 }
+    fn default() -> LastTens {
+        LastTens { text: u128::MAX, mask: 0, point: 2, t_ns: 0 }
     }
 }
 
-impl LastSeconds {
-    fn new(line: &[u8; USUAL]) -> Option<LastSeconds> {
+impl LastTens {
+    fn new(line: &[u8; USUAL]) -> Option<LastTens> {
         let digits = line[1..].iter().take_while(|digit| digit.is_ascii_digit()).count();
         let point = digits + 1;
         if line[0] != b'(' || !(1..=10).contains(&digits) || line[point] != b'.' {
             return None;
         }
-        let seconds = line[1..point].iter().fold(0i64, |sum, digit| 10 * sum + i64::from(digit - b'0'));
-        let mask = u128::MAX >> (8 * (15 - point));
+        let tens = line[1..digits].iter().fold(0i64, |sum, digit| 10 * sum + i64::from(digit - b'0'));
+        let mask = u128::MAX >> (8 * (15 - point)) & !(0xFF << (8 * digits));
         let text = u128::from_le_bytes(part(line, 0)) & mask;
-        Some(LastSeconds { text, mask, point, t_ns: seconds.checked_mul(1_000_000_000)? })
+        Some(LastTens { text, mask, point, t_ns: tens.checked_mul(10_000_000_000)? })
     }
 }
 
@@ -177,8 +179,8 @@ fn word(line: &[u8; USUAL], at: usize) -> u64 {
 #[inline]
 fn eight_digits(digits: u64) -> Option<u64> {
     const HIGH: u64 = 0xF0F0_F0F0_F0F0_F0F0;
-    const THREES: u64 = 0x3030_3030_3030_3030;
-    if digits & HIGH != THREES || (digits.wrapping_add(0x0606_0606_0606_0606)) & HIGH != THREES {
+    let beyond_nine = digits.wrapping_add(0x0606_0606_0606_0606);
+    if digits & HIGH | (beyond_nine & HIGH) >> 4 != 0x3333_3333_3333_3333 {
         return None;
     }
     let tens = (digits & 0x0F0F_0F0F_0F0F_0F0F).wrapping_mul(10 << 8 | 1) >> 8;
