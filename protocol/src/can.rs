@@ -173,21 +173,21 @@ impl CanIdMap {
     }
 }
 
-/// The CRC over the data of INCREMENTS and the fields of STATUS.
+/// Writes the CRC of STATUS over the data of INCREMENTS and its own fields.
 #[inline]
-fn status_crc(increments: &[u8], status: &[u8]) -> [u8; 2] {
+pub fn close_status(increments: &[u8], status: &mut [u8; 8]) {
     let mut covered = [0; LENGTH + STATUS_COVERED];
     let length = increments.len().min(LENGTH);
     covered[..length].copy_from_slice(&increments[..length]);
     covered[length..length + STATUS_COVERED].copy_from_slice(&status[..STATUS_COVERED]);
-    crc16(&covered[..length + STATUS_COVERED]).to_be_bytes()
+    let crc = crc16(&covered[..length + STATUS_COVERED]);
+    status[STATUS_COVERED..].copy_from_slice(&crc.to_be_bytes());
 }
 
-/// Writes the CRC of STATUS over the data of INCREMENTS and its own fields.
+/// True if STATUS, the last bytes, has the CRC of INCREMENTS and its own fields: the CRC of bytes that end with their CRC is 0.
 #[inline]
-pub fn close_status(increments: &[u8], status: &mut [u8; 8]) {
-    let crc = status_crc(increments, status);
-    status[STATUS_COVERED..].copy_from_slice(&crc);
+fn is_closed(increments_and_status: &[u8; 2 * LENGTH]) -> bool {
+    crc16(increments_and_status) == 0
 }
 
 #[cfg(test)]

@@ -26,13 +26,15 @@ const BEFORE_ZEROS: [u16; BLOCK] = {
 /// Zeros before fewer bytes than a block make it whole: one step in place of a step for each byte.
 #[inline]
 pub fn crc16(bytes: &[u8]) -> u16 {
-    if bytes.is_empty() || bytes.len() >= BLOCK {
-        return ENGINE.checksum(bytes);
+    let missing = if bytes.is_empty() { 0 } else { BLOCK.saturating_sub(bytes.len()) };
+    let mut digest = ENGINE.digest_with_initial(BEFORE_ZEROS[missing]);
+    if missing == 0 {
+        digest.update(bytes);
+    } else {
+        let mut block = [0; BLOCK];
+        block[missing..].copy_from_slice(bytes);
+        digest.update(&block);
     }
-    let mut block = [0; BLOCK];
-    block[BLOCK - bytes.len()..].copy_from_slice(bytes);
-    let mut digest = ENGINE.digest_with_initial(BEFORE_ZEROS[BLOCK - bytes.len()]);
-    digest.update(&block);
     digest.finalize()
 }
 

@@ -1,6 +1,6 @@
 //! Samples from INCREMENTS, STATUS and CLOCK in any traffic.
 
-use super::{LENGTH, Role, STATUS_COVERED, status_crc};
+use super::{LENGTH, Role, is_closed};
 use crate::continuity::ClockCheck;
 use crate::field::Sample;
 use crate::message::{Clock, Increments, Message, Status};
@@ -98,18 +98,41 @@ pub struct Assembler<S> {
 struct Pending<S> {
     /// Time and place of INCREMENTS.
     stamp: S,
-    increments: [u8; LENGTH],
-    /// Once a STATUS with the right CRC came.
-    status: Option<[u8; LENGTH]>,
+    /// INCREMENTS and STATUS.
+    data: [u8; 2 * LENGTH],
+    /// True once a STATUS with the right CRC came.
+    has_status: bool,
 }
 
 impl<S: Copy> Pending<S> {
+    #[inline]
+    fn new(stamp: S, increments: &[u8; LENGTH]) -> Pending<S> {
+        let mut data = [0; 2 * LENGTH];
+        data[..LENGTH].copy_from_slice(increments);
+        Pending { stamp, data, has_status: false }
+    }
+
+    fn increments(&self) -> &[u8] {
+        &self.data[..LENGTH]
+    }
+
+    /// Adds STATUS, if it has the right CRC.
+    #[inline]
+    fn add_status(&mut self, status: &[u8; LENGTH]) -> bool {
+        self.data[LENGTH..].copy_from_slice(status);
+        self.has_status = is_closed(&self.data);
+        self.has_status
+    }
+
     /// The sample without a clock; `None` without a STATUS.
     #[inline]
     fn row(&self) -> Option<AssembledSample<S>> {
+        if !self.has_status {
+            return None;
+        }
         let mut sample = Sample::default();
-        Increments::read(&self.increments, &mut sample);
-        Status::read(self.status.as_ref()?, &mut sample);
+        Increments::read(&self.data[..LENGTH], &mut sample);
+        Status::read(&self.data[LENGTH..], &mut sample);
         Some(AssembledSample { stamp: self.stamp, sample, has_clock: false })
     }
 }
@@ -141,15 +164,13 @@ impl<S: Copy> Assembler<S> {
         let Ok(bytes) = <&[u8; LENGTH]>::try_from(data) else { return Progress::Irregular };
         match (role, &mut self.pending) {
             (Role::Increments, None) => {
-                self.pending = Some(Pending { stamp: stamp(), increments: *bytes, status: None });
+                self.pending = Some(Pending::new(stamp(), bytes));
                 Progress::Waiting
             }
-            (Role::Status, Some(Pending { increments, status: status @ None, .. }))
-                if status_crc(increments, bytes) == bytes[STATUS_COVERED..] =>
-            {
-                *status = Some(*bytes);
-                Progress::Waiting
-            }
+            (Role::Status, Some(pending @ Pending { has_status: false, .. })) => match pending.add_status(bytes) {
+                true => Progress::Waiting,
+                false => Progress::Irregular,
+            },
             (Role::Clock, Some(pending)) => {
                 let Some(mut row) = pending.row() else { return Progress::Irregular };
                 row.has_clock = true;
@@ -181,9 +202,9 @@ impl<S: Copy> Assembler<S> {
             return defect(stamp, kind, [bytes, &[]], sink);
         }
         match (role, pending) {
-            (Role::Increments, _) => self.pending = Some(Pending { stamp, increments: *bytes, status: None }),
+            (Role::Increments, _) => self.pending = Some(Pending::new(stamp, bytes)),
             (Role::Status, Some(first)) => {
-                defect(first.stamp, CanDefect::CrcMismatch, [&first.increments, bytes], sink);
+                defect(first.stamp, CanDefect::CrcMismatch, [first.increments(), bytes], sink);
             }
             (Role::Status, None) => defect(stamp, CanDefect::StatusWithoutIncrements, [bytes, &[]], sink),
             (_, pending) => {
@@ -205,7 +226,7 @@ impl<S: Copy> Assembler<S> {
         let Some(pending) = self.pending.take() else { return };
         match pending.row() {
             Some(row) => sink(AssemblerEvent::Row(row)),
-            None => defect(pending.stamp, CanDefect::IncrementsWithoutStatus, [&pending.increments, &[]], sink),
+            None => defect(pending.stamp, CanDefect::IncrementsWithoutStatus, [pending.increments(), &[]], sink),
         }
     }
 }
