@@ -75,10 +75,10 @@ impl Continuity {
         let steps = sequence.wrapping_sub(last_sequence);
         match (last_clock, clock_count) {
             (Some(before), Some(now)) if clock_follows((last_sequence, before), (sequence, now)) => {
-                match (now.wrapping_sub(before) & (CLOCK_MODULUS - 1)) / CLOCK_PER_SAMPLE {
+                match now.wrapping_sub(before) & (CLOCK_MODULUS - 1) {
                     0 => SequenceStep::Repeat,
-                    1 => SequenceStep::Next,
-                    steps => SequenceStep::Gap(steps - 1),
+                    CLOCK_PER_SAMPLE => SequenceStep::Next,
+                    advance => SequenceStep::Gap(advance / CLOCK_PER_SAMPLE - 1),
                 }
             }
             (Some(_), Some(now)) if restarted((sequence, now)) => SequenceStep::Reset,
