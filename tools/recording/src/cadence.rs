@@ -12,13 +12,13 @@ pub struct IntervalStatistics {
     count: u64,
     min_ns: i64,
     max_ns: i64,
-    mean_ns: f64,
-    /// Sum of squares about the mean.
-    squares: f64,
+    sum_ns: i128,
+    /// Sum of squares, modulo 2^128: the sum about the mean is a difference of such sums, and exact below that.
+    squares_ns2: i128,
 }
 
 impl IntervalStatistics {
-    #[inline]
+    #[inline(always)]
     pub fn add(&mut self, interval_ns: i64) {
         if self.count == 0 {
             self.bins = vec![0; BINS];
@@ -27,9 +27,9 @@ impl IntervalStatistics {
         self.count += 1;
         self.min_ns = self.min_ns.min(interval_ns);
         self.max_ns = self.max_ns.max(interval_ns);
-        let deviation = interval_ns as f64 - self.mean_ns;
-        self.mean_ns += deviation / self.count as f64;
-        self.squares += deviation * (interval_ns as f64 - self.mean_ns);
+        let wide_ns = i128::from(interval_ns);
+        self.sum_ns += wide_ns;
+        self.squares_ns2 = self.squares_ns2.wrapping_add(wide_ns * wide_ns);
         match usize::try_from(interval_ns / BIN_NS) {
             Ok(bin) if bin < BINS => self.bins[bin] += 1,
             Ok(_) => {}
@@ -53,7 +53,14 @@ impl IntervalStatistics {
 
     /// Standard deviation, s.
     pub fn sigma_s(&self) -> f64 {
-        if self.count < 2 { 0.0 } else { (self.squares / (self.count - 1) as f64).sqrt() * 1e-9 }
+        if self.count < 2 {
+            return 0.0;
+        }
+        let count = i128::from(self.count);
+        let (mean_ns, rest_ns) = (self.sum_ns / count, self.sum_ns % count);
+        let about_mean_ns2 = self.squares_ns2.wrapping_sub(mean_ns.wrapping_mul(self.sum_ns + rest_ns));
+        let squares_ns2 = about_mean_ns2.cast_unsigned() as f64 - (rest_ns * rest_ns) as f64 / count as f64;
+        (squares_ns2 / (count - 1) as f64).sqrt() * 1e-9
     }
 
     /// Median, s; `None` from one second on.
