@@ -153,7 +153,7 @@ pub fn capture<D: Decode<Row: Row>>(
     decoder.begin("input", &mut sink);
     let records = records(format, parts, |place, record| {
         each(&record);
-        decoder.event(place, record, &mut sink);
+        decoder.event(place, &record, &mut sink);
     });
     decoder.count_records(records.len() as u64);
     (records, finish(decoder, sink))

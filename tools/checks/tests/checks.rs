@@ -38,7 +38,7 @@ impl Recording {
         decoder.begin("link.log", &mut rows);
         let mut reader = Format::from_name("candump").expect("a format").reader().expect("a reader");
         reader
-            .read(recording.link.as_bytes(), true, &mut |position, record| decoder.event(position, record, &mut rows));
+            .read(recording.link.as_bytes(), true, &mut |position, record| decoder.event(position, &record, &mut rows));
         decoder.count_records(reader.records());
         decoder.finish(&mut rows);
         let reference = ReferenceAttitude::parse("reference.csv", &recording.reference).expect("a reference");

@@ -269,14 +269,14 @@ impl Decode for Decoder {
     }
 
     #[inline]
-    fn event(&mut self, place: RecordPosition, event: CaptureRecord, sink: &mut impl Sink) {
+    fn event(&mut self, place: RecordPosition, event: &CaptureRecord, sink: &mut impl Sink) {
         let CaptureRecord::Frame(frame) = event else { return self.flow.other_record(place, event, sink) };
         let DecodeSummary { account, others, rows, .. } = &mut self.flow.summary;
         if *rows == 0 && !frame.extended {
             others.push(frame.id, frame.data);
         }
         let role = if frame.extended { Role::Other } else { self.plan.role(frame.id) };
-        if role == Role::Other { account.other += 1 } else { self.unit_frame(role, place, &frame, sink) }
+        if role == Role::Other { account.other += 1 } else { self.unit_frame(role, place, frame, sink) }
     }
 
     fn dropped(&mut self, place: RecordPosition, count: u64, sink: &mut impl Sink) {

@@ -249,7 +249,7 @@ impl Decode for DeviceDecoder {
     }
 
     #[inline]
-    fn event(&mut self, place: RecordPosition, event: CaptureRecord, sink: &mut impl Sink<DeviceSample>) {
+    fn event(&mut self, place: RecordPosition, event: &CaptureRecord, sink: &mut impl Sink<DeviceSample>) {
         let DeviceDecoder { can, samples, table, .. } = self;
         let frame = match (event, table) {
             (CaptureRecord::Frame(frame), _) => frame,
@@ -260,7 +260,7 @@ impl Decode for DeviceDecoder {
         };
         let stamp = samples.flow.stamp(place, frame.time);
         match can {
-            Some(can) => can.frame(&frame, stamp, samples, sink),
+            Some(can) => can.frame(frame, stamp, samples, sink),
             None => samples.flow.summary.account.other += 1,
         }
     }

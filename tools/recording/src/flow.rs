@@ -180,7 +180,7 @@ impl Flow {
     }
 
     /// Counts a record of a capture that is no frame.
-    pub fn other_record<R>(&mut self, place: RecordPosition, record: CaptureRecord, sink: &mut impl Sink<R>) {
+    pub fn other_record<R>(&mut self, place: RecordPosition, record: &CaptureRecord, sink: &mut impl Sink<R>) {
         let account = &mut self.summary.account;
         match record {
             CaptureRecord::Frame(_) => {}
@@ -191,10 +191,10 @@ impl Flow {
             CaptureRecord::Remark => account.remarks += 1,
             CaptureRecord::Dropped(count) => {
                 account.remarks += 1;
-                self.dropped(place, count, sink);
+                self.dropped(place, *count, sink);
             }
             CaptureRecord::Broken { bytes, cut } => {
-                let kind = if cut { DefectKind::CutRecord } else { DefectKind::BrokenRecord };
+                let kind = if *cut { DefectKind::CutRecord } else { DefectKind::BrokenRecord };
                 self.defect(self.stamp(place, None), kind, bytes, 0, sink);
             }
         }

@@ -4,16 +4,18 @@ mod archives;
 mod decode;
 mod parallel;
 mod records;
+mod seen;
 
 use std::io::ErrorKind;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use geu_protocol::capture::{CaptureRecord, Detected, Format, Reader, RecordPosition};
+use geu_protocol::capture::{Detected, Format, Reader, RecordPosition};
 use geu_protocol::excerpt::excerpt;
 use geu_protocol::hex::spaced_hex;
 
 pub use self::decode::Decode;
+use self::seen::Seen;
 use crate::decoder::{Decoder, DecoderOptions};
 use crate::input::{InputError, Source, Unpacked, open};
 use crate::live::{CanSocket, Received, SerialPort, wait_readable};
@@ -266,7 +268,7 @@ impl<'a, D: Decode> InputReader<'a, D> {
             loop {
                 let (decoder, place) = (&mut self.decoder, RecordPosition::Line(frames + 1));
                 let received = socket
-                    .receive(&mut |event| decoder.event(place, event, sink))
+                    .receive(&mut |event| decoder.event(place, &event, sink))
                     .map_err(|source| InputError::Read { name: name.to_owned(), offset: frames, source })?;
                 match received {
                     Received::Frame { dropped } => {
@@ -300,36 +302,10 @@ struct Capture {
     seen: Seen,
 }
 
-/// Account of the records of a capture.
-#[derive(Default)]
-struct Seen {
-    frames: u64,
-    /// First record of a binary capture that is damaged or cut: its offset and first bytes.
-    cut: Option<(u64, String)>,
-}
-
-impl Seen {
-    #[inline]
-    fn event<D: Decode>(
-        &mut self,
-        place: RecordPosition,
-        event: CaptureRecord,
-        decoder: &mut D,
-        sink: &mut impl Sink<D::Row>,
-    ) {
-        if let (RecordPosition::Offset(at), CaptureRecord::Broken { cut: true, bytes }) = (place, event) {
-            self.cut.get_or_insert_with(|| (at, spaced_hex(&bytes[..bytes.len().min(MAX_EXCERPT)])));
-        }
-        self.frames += u64::from(!matches!(event, CaptureRecord::Remark));
-        sink.record(&event);
-        decoder.event(place, event, sink);
-    }
-}
-
 impl Capture {
     fn read<D: Decode>(&mut self, bytes: &[u8], is_last: bool, decoder: &mut D, sink: &mut impl Sink<D::Row>) -> usize {
         let Capture { reader, seen, .. } = self;
-        reader.read(bytes, is_last, &mut |place, event| seen.event(place, event, decoder, sink))
+        reader.read(bytes, is_last, &mut |place, event| seen.event(place, &event, decoder, sink))
     }
 }
 
@@ -361,7 +337,7 @@ impl Target {
                 capture.read(bytes, !is_stopped, decoder, sink);
                 let records = capture.reader.records();
                 decoder.count_records(records);
-                (capture.seen.frames == 0).then(|| format!("{records} records without a CAN frame"))
+                (capture.seen.remarks == records).then(|| format!("{records} records without a CAN frame"))
             }
             Target::Serial { length, .. } => {
                 if !bytes.is_empty() {

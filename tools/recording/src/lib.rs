@@ -22,7 +22,7 @@
 //! let (mut decoder, mut rows) = (Decoder::new(&DecoderOptions::default()), Rows::default());
 //! decoder.begin("example.log", &mut rows);
 //! let mut reader = Format::from_name("candump").unwrap().reader().unwrap();
-//! reader.read(log, true, &mut |position, record| decoder.event(position, record, &mut rows));
+//! reader.read(log, true, &mut |position, record| decoder.event(position, &record, &mut rows));
 //! decoder.count_records(reader.records());
 //! decoder.finish(&mut rows);
 //! assert_eq!(rows.0[0].sample.increments, [-2, -2, 5, 5]);

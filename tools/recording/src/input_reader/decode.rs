@@ -16,7 +16,7 @@ pub trait Decode {
     /// The summary up to now.
     fn summary(&mut self) -> &mut DecodeSummary;
     /// Reads a record of a capture, or a live CAN frame.
-    fn event(&mut self, place: RecordPosition, event: CaptureRecord, sink: &mut impl Sink<Self::Row>);
+    fn event(&mut self, place: RecordPosition, event: &CaptureRecord, sink: &mut impl Sink<Self::Row>);
     /// Reports that the receiver lost `count` frames.
     fn dropped(&mut self, place: RecordPosition, count: u64, sink: &mut impl Sink<Self::Row>);
     /// Reads serial bytes, with their receive time if it is known.

@@ -68,7 +68,7 @@ pub fn read<D: Decode>(
             let Capture { reader, seen, .. } = &mut *capture;
             let first = reader.records() + 1;
             reader.skip(parsed.records.count());
-            parsed.records.replay(first, |place, event| seen.event(place, event, decoder, sink));
+            parsed.records.replay(first, |place, event| seen.event(place, &event, decoder, sink));
             parsed.length = 0;
             spare.push(parsed);
         }
