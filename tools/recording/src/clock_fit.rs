@@ -62,7 +62,7 @@ struct Segment {
 impl ClockFit {
     /// Takes a row's receive time, sequence and clock count. A clock that restarts or jumps, and a receive time that
     /// runs backwards, begin a segment.
-    #[inline]
+    #[inline(always)]
     pub fn add(&mut self, t_ns: i64, sequence: u16, clock_count: u64) {
         let now = (sequence, clock_count);
         if let Some(segment) = &mut self.segment
@@ -122,7 +122,7 @@ impl Segment {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn add(&mut self, t_ns: i64, now: (u16, u64)) {
         let elapsed_ns = (now.1 - self.origin.1) as i64 * NS_PER_COUNT;
         let (x, y) = (elapsed_ns as f64 * 1e-9, (t_ns.wrapping_sub(self.origin.0) - elapsed_ns) as f64 * 1e-9);

@@ -44,7 +44,7 @@ pub struct Decoder {
     places: HashMap<Vec<u8>, usize>,
     /// Frames of the unit on interfaces beyond [`MAX_INTERFACES`].
     beyond: u64,
-    /// The bus of the frame before; frames of one bus mostly follow each other.
+    /// The bus that was looked for last.
     last_bus: usize,
     choice: InterfaceSelection,
     /// True if the user named the interface.
@@ -87,8 +87,44 @@ impl Decoder {
         }
     }
 
-    #[inline]
+    // A function for each message: a frame passes through one, and the others need no registers that are saved for it.
+    #[inline(never)]
+    fn increments(&mut self, place: RecordPosition, frame: &Frame, sink: &mut impl Sink) {
+        self.unit_frame(Role::Increments, place, frame, sink);
+    }
+
+    #[inline(never)]
+    fn status(&mut self, place: RecordPosition, frame: &Frame, sink: &mut impl Sink) {
+        self.unit_frame(Role::Status, place, frame, sink);
+    }
+
+    #[inline(never)]
+    fn clock(&mut self, place: RecordPosition, frame: &Frame, sink: &mut impl Sink) {
+        self.unit_frame(Role::Clock, place, frame, sink);
+    }
+
+    /// Reads a COMMAND or a REPLY.
+    #[inline(never)]
+    fn dialogue(&mut self, role: Role, place: RecordPosition, frame: &Frame, sink: &mut impl Sink) {
+        self.unit_frame(role, place, frame, sink);
+    }
+
+    #[inline(always)]
     fn unit_frame(&mut self, role: Role, place: RecordPosition, frame: &Frame, sink: &mut impl Sink) {
+        match self.choice {
+            InterfaceSelection::Made(index)
+                if self.flow.summary.rows > 0 && is_same(&self.buses[index].name, frame.interface) =>
+            {
+                self.frame_of(index, true, role, place, frame, sink);
+            }
+            _ => self.frame_of_other(role, place, frame, sink),
+        }
+    }
+
+    /// Reads a frame of the unit before the first row, or on another interface than the chosen one.
+    #[cold]
+    fn frame_of_other(&mut self, role: Role, place: RecordPosition, frame: &Frame, sink: &mut impl Sink) {
+        self.note_before_rows(frame);
         let Some(index) = self.bus(frame.interface) else {
             self.beyond += 1;
             return;
@@ -96,43 +132,58 @@ impl Decoder {
         if let InterfaceSelection::Before(before) = self.choice {
             self.follow(before, index, role, sink);
         }
-        let Decoder { buses, choice, flow, .. } = self;
-        let Bus { assembler, tally, is_proven, .. } = &mut buses[index];
-        tally.frames += 1;
-        match role {
-            Role::Command | Role::Reply => {
-                let (lengths, count) = match role {
-                    Role::Command => (COMMAND_LENGTHS, &mut tally.commands),
-                    _ => (REPLY_LENGTHS, &mut tally.replies),
-                };
-                if lengths.contains(&frame.data.len()) {
-                    *count += 1;
-                } else {
-                    let (stamp, concerned) = (flow.stamp(place, frame.time), DefectBytes::new([frame.data, &[]]));
-                    tally.defect(choice.is(index), stamp, CanDefect::WrongLength, concerned, flow, sink);
-                }
-            }
-            _ => match assembler.advance(role, || flow.stamp(place, frame.time), frame.data) {
-                Progress::Waiting => {}
-                Progress::Row(row) => {
-                    *is_proven = true;
-                    tally.row(row, index, choice, flow, sink);
-                }
-                Progress::Irregular => {
-                    let stamp = flow.stamp(place, frame.time);
-                    assembler.irregular(role, stamp, frame.data, &mut |assembled| {
-                        *is_proven |= matches!(assembled, AssemblerEvent::Row(_));
-                        tally.assembled(assembled, index, choice, flow, sink);
-                    });
-                }
-            },
-        }
+        self.frame_of(index, self.choice.is(index), role, place, frame, sink);
         if let InterfaceSelection::Before(before) = self.choice {
             let enough = if index < self.known { ROWS_TO_TAKE_OVER } else { 1 };
             if self.buses[index].tally.rows.len() >= enough {
                 self.leave(before, index, sink);
             }
         }
+    }
+
+    /// Reads a frame of the unit on the interface of this index.
+    #[inline(always)]
+    fn frame_of(
+        &mut self,
+        index: usize,
+        is_chosen: bool,
+        role: Role,
+        place: RecordPosition,
+        frame: &Frame,
+        sink: &mut impl Sink,
+    ) {
+        let Decoder { buses, choice, flow, .. } = self;
+        let Bus { assembler, tally, is_proven, .. } = &mut buses[index];
+        tally.frames += 1;
+        match role {
+            Role::Command if COMMAND_LENGTHS.contains(&frame.data.len()) => tally.commands += 1,
+            Role::Reply if REPLY_LENGTHS.contains(&frame.data.len()) => tally.replies += 1,
+            Role::Command | Role::Reply => {
+                let (stamp, concerned) = (flow.stamp(place, frame.time), DefectBytes::new([frame.data, &[]]));
+                tally.defect(is_chosen, stamp, CanDefect::WrongLength, concerned, flow, sink);
+            }
+            _ => match assembler.advance(role, || flow.stamp(place, frame.time), frame.data) {
+                Progress::Waiting => {}
+                Progress::Row(row) => {
+                    *is_proven = true;
+                    tally.row(row, index, is_chosen, choice, flow, sink);
+                }
+                Progress::Irregular => self.irregular(role, place, frame, sink),
+            },
+        }
+    }
+
+    /// Reads a frame that [`Assembler::advance`] found irregular.
+    #[cold]
+    fn irregular(&mut self, role: Role, place: RecordPosition, frame: &Frame, sink: &mut impl Sink) {
+        let Some(index) = self.bus(frame.interface) else { return };
+        let Decoder { buses, choice, flow, .. } = self;
+        let Bus { assembler, tally, is_proven, .. } = &mut buses[index];
+        let stamp = flow.stamp(place, frame.time);
+        assembler.irregular(role, stamp, frame.data, &mut |assembled| {
+            *is_proven |= matches!(assembled, AssemblerEvent::Row(_));
+            tally.assembled(assembled, index, choice, flow, sink);
+        });
     }
 
     /// Updates the choice by a frame of the unit, if it is still open in an input after the first.
@@ -211,7 +262,15 @@ impl Decoder {
         self.choice = next;
     }
 
+    /// Keeps the identifiers of frames before the first row.
     #[inline]
+    fn note_before_rows(&mut self, frame: &Frame) {
+        if self.flow.summary.rows == 0 {
+            self.flow.summary.others.push(frame);
+        }
+    }
+
+    /// The bus of that name; frames of one bus mostly follow each other.
     fn bus(&mut self, name: &[u8]) -> Option<usize> {
         if self.buses.get(self.last_bus).is_none_or(|bus| !is_same(&bus.name, name)) {
             self.last_bus = self.find_bus(name)?;
@@ -220,7 +279,6 @@ impl Decoder {
     }
 
     /// The bus of that name, added if it is new; `None` if there are too many.
-    #[cold]
     fn find_bus(&mut self, name: &[u8]) -> Option<usize> {
         if let Some(&index) = self.places.get(name) {
             return Some(index);
@@ -240,13 +298,13 @@ impl Decoder {
     }
 }
 
-/// Equality of names; names of four to eight bytes, as interfaces have, are compared without a loop.
+/// Equality of names; names of four to eight bytes, as interfaces have, are compared without a loop, and no name by a call.
 #[inline]
 fn is_same(name: &[u8], other: &[u8]) -> bool {
     name.len() == other.len()
         && match name.len() {
             4..=8 => name.first_chunk::<4>() == other.first_chunk() && name.last_chunk::<4>() == other.last_chunk(),
-            _ => name == other,
+            _ => name.iter().eq(other),
         }
 }
 
@@ -271,12 +329,17 @@ impl Decode for Decoder {
     #[inline]
     fn event(&mut self, place: RecordPosition, event: &CaptureRecord, sink: &mut impl Sink) {
         let CaptureRecord::Frame(frame) = event else { return self.flow.other_record(place, event, sink) };
-        let DecodeSummary { account, others, rows, .. } = &mut self.flow.summary;
-        if *rows == 0 && !frame.extended {
-            others.push(frame.id, frame.data);
-        }
         let role = if frame.extended { Role::Other } else { self.plan.role(frame.id) };
-        if role == Role::Other { account.other += 1 } else { self.unit_frame(role, place, frame, sink) }
+        match role {
+            Role::Increments => self.increments(place, frame, sink),
+            Role::Status => self.status(place, frame, sink),
+            Role::Clock => self.clock(place, frame, sink),
+            Role::Command | Role::Reply => self.dialogue(role, place, frame, sink),
+            Role::Other => {
+                self.flow.summary.account.other += 1;
+                self.note_before_rows(frame);
+            }
+        }
     }
 
     fn dropped(&mut self, place: RecordPosition, count: u64, sink: &mut impl Sink) {
@@ -305,7 +368,7 @@ impl Decode for Decoder {
         flow.summary.account.decoded += 1;
         let stamp = flow.stamp(place, sample.time.filter(|_| sample.is_received));
         let follows = !sample.has_clock || clock.accepts(sample.sample.sequence, sample.sample.clock_count);
-        flow.row(stamp, &sample, follows, sink);
+        flow.row(&stamp, &sample, follows, sink);
         if !follows {
             flow.defect(stamp, DefectKind::ClockInconsistent, &[], 0, sink);
         }

@@ -57,8 +57,9 @@ impl Flow {
     }
 
     /// Reports a row; `is_regular` unless its clock was rejected.
-    #[inline]
-    pub fn row(&mut self, stamp: Stamp, row: &ReceivedSample, is_regular: bool, sink: &mut impl Sink) {
+    // Inlined with all that it calls for each row: its values stay in registers from the frame on.
+    #[inline(always)]
+    pub fn row(&mut self, stamp: &Stamp, row: &ReceivedSample, is_regular: bool, sink: &mut impl Sink) {
         let sample = &row.sample;
         let summary = &mut self.summary;
         summary.rows += 1;
@@ -72,13 +73,13 @@ impl Flow {
             }
         }
         if is_regular {
-            self.follow(|| Stamp { time: row.time, ..stamp }, row, sink);
+            self.follow(|| Stamp { time: row.time, ..*stamp }, row, sink);
         }
         sink.row(row);
     }
 
     /// Compares a row with the one before.
-    #[inline]
+    #[inline(always)]
     fn follow(&mut self, stamp: impl Fn() -> Stamp, row: &ReceivedSample, sink: &mut impl Sink) {
         let sample = &row.sample;
         let summary = &mut self.summary;
@@ -123,7 +124,7 @@ impl Flow {
     }
 
     /// Compares the receive time of a row with that of the row before.
-    #[inline]
+    #[inline(always)]
     fn pace<R>(
         &mut self,
         stamp: impl Fn() -> Stamp,

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use geu_protocol::CanIdMap;
 use geu_protocol::can::close_status;
+use geu_protocol::capture::Frame;
 
 const IDS: usize = 1 << 11;
 
@@ -21,9 +22,12 @@ struct Seen {
 
 impl Others {
     #[cold]
-    pub(crate) fn push(&mut self, id: u32, data: &[u8]) {
+    pub(crate) fn push(&mut self, frame: &Frame) {
+        if frame.extended {
+            return;
+        }
         self.0.resize(IDS, Seen::default());
-        let id = id as usize % IDS;
+        let (id, data) = (frame.id as usize % IDS, frame.data);
         let before = id.checked_sub(1).map(|before| self.0[before]).filter(|before| before.frames > 0);
         let seen = &mut self.0[id];
         seen.frames += 1;
@@ -57,17 +61,20 @@ mod tests {
     fn the_base_is_where_the_crc_matches_and_not_where_it_does_by_accident() {
         let (mut others, plan) = (Others::default(), CanIdMap::with_base(0x300).expect("a base"));
         let increments = [[1; 8], [2; 8], [3; 8]];
+        let push = |others: &mut Others, id, data: &[u8]| {
+            others.push(&Frame { time: None, interface: b"", id, extended: false, data });
+        };
         for increments in increments {
             let mut status = [7; 8];
             if increments == [1; 8] {
                 close_status(&increments, &mut status);
             }
-            others.push(0x100, &increments);
-            others.push(0x101, &status);
+            push(&mut others, 0x100, &increments);
+            push(&mut others, 0x101, &status);
         }
         assert!(others.likely().is_none());
         for frame in plan.frames(&Sample::default()) {
-            others.push(frame.id(), frame.data());
+            push(&mut others, frame.id(), frame.data());
         }
         assert_eq!(others.likely(), Some(plan));
         assert_eq!(others.ids(), [0x100, 0x101, 0x300, 0x301, 0x302].into());

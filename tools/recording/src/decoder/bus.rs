@@ -39,7 +39,7 @@ pub struct Tally {
     pub commands: u64,
     pub replies: u64,
     /// Rows before the choice of the interface.
-    pub rows: Vec<AssembledSample<Stamp>>,
+    pub rows: Vec<(Stamp, ReceivedSample)>,
     defects: Vec<(Stamp, CanDefect, DefectBytes)>,
     /// Counts of further defects, in the order of [`CanDefect::ALL`].
     more: [u64; CanDefect::ALL.len()],
@@ -63,7 +63,7 @@ impl Tally {
         sink: &mut impl Sink,
     ) {
         match assembled {
-            AssemblerEvent::Row(received) => self.row(received, index, choice, flow, sink),
+            AssemblerEvent::Row(received) => self.row(received, index, choice.is(index), choice, flow, sink),
             AssemblerEvent::Defect(stamp, defect, concerned) => {
                 self.defect(choice.is(index), stamp, defect, concerned, flow, sink);
             }
@@ -76,21 +76,41 @@ impl Tally {
     #[inline(always)]
     pub fn row(
         &mut self,
-        received: AssembledSample<Stamp>,
+        AssembledSample { stamp, sample, has_clock }: AssembledSample<Stamp>,
+        index: usize,
+        is_chosen: bool,
+        choice: &mut InterfaceSelection,
+        flow: &mut Flow,
+        sink: &mut impl Sink,
+    ) {
+        let row = ReceivedSample::new(sample, has_clock, stamp.time);
+        self.decoded += if has_clock { 3 } else { 2 };
+        if is_chosen {
+            flow.row(&stamp, &row, true, sink);
+        } else {
+            self.early_row(&stamp, &row, index, choice, flow, sink);
+        }
+    }
+
+    /// Chooses the interface by its row, or keeps the row.
+    #[cold]
+    fn early_row(
+        &mut self,
+        stamp: &Stamp,
+        row: &ReceivedSample,
         index: usize,
         choice: &mut InterfaceSelection,
         flow: &mut Flow,
         sink: &mut impl Sink,
     ) {
-        if matches!(choice, InterfaceSelection::First) {
-            *choice = InterfaceSelection::Made(index);
-            self.report_early(flow, sink);
-        }
-        self.decoded += if received.has_clock { 3 } else { 2 };
-        if choice.is(index) {
-            flow.row(received.stamp, &received_sample(received), true, sink);
-        } else if matches!(choice, InterfaceSelection::Before(_)) {
-            self.rows.push(received);
+        match choice {
+            InterfaceSelection::First => {
+                *choice = InterfaceSelection::Made(index);
+                self.report_early(flow, sink);
+                flow.row(stamp, row, true, sink);
+            }
+            InterfaceSelection::Before(_) => self.rows.push((*stamp, *row)),
+            _ => {}
         }
     }
 
@@ -115,8 +135,8 @@ impl Tally {
 
     #[cold]
     pub fn report_early(&mut self, flow: &mut Flow, sink: &mut impl Sink) {
-        for received in std::mem::take(&mut self.rows) {
-            flow.row(received.stamp, &received_sample(received), true, sink);
+        for (stamp, row) in std::mem::take(&mut self.rows) {
+            flow.row(&stamp, &row, true, sink);
         }
         for (stamp, defect, concerned) in std::mem::take(&mut self.defects) {
             flow.defect(stamp, DefectKind::Can(defect), concerned.bytes(), 0, sink);
@@ -125,9 +145,4 @@ impl Tally {
             flow.count_defects(DefectKind::Can(defect), more);
         }
     }
-}
-
-#[inline]
-fn received_sample(AssembledSample { stamp, sample, has_clock }: AssembledSample<Stamp>) -> ReceivedSample {
-    ReceivedSample::new(sample, has_clock, stamp.time)
 }

@@ -77,7 +77,7 @@ impl Events {
                 if kind == FrameType::Data {
                     let sample = read_data(payload);
                     let follows = self.clock.accepts(sample.sequence, sample.clock_count);
-                    flow.row(stamp, &ReceivedSample::new(sample, true, time), follows, sink);
+                    flow.row(&stamp, &ReceivedSample::new(sample, true, time), follows, sink);
                     if !follows {
                         flow.defect(stamp, DefectKind::ClockInconsistent, payload, 0, sink);
                     }
