@@ -243,7 +243,7 @@ fn lists_and_references_that_do_not_fit_are_refused_or_left_out() {
         edited(&temp_dir, "reference.csv", |text| text.lines().take(10_000).map(|line| format!("{line}\n")).collect());
     let message = refused(&arguments(&link, &manoeuvres, text(&short)));
     assert!(
-        message.contains("left out: z-scan at 1800001260.0 s: the reference does not cover it: it covers"),
+        message.contains("left out: z-scan at 1800001260.0 s: the reference does not cover it: it ends at"),
         "{message}"
     );
     assert!(message.contains("no manoeuvre turns about Z"), "{message}");

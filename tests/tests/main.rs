@@ -3,6 +3,7 @@
 mod bench;
 mod bench_page;
 mod calibrate;
+mod calibrate_days;
 mod calibrate_device;
 mod calibrate_page;
 mod control;

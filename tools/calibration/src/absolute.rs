@@ -39,7 +39,7 @@ pub fn with_sensors(
     let overlay = Overlay { counts, sensors, numbers, path };
     observe_each(windows, |window, left_out| {
         if window.start_s < counts.start_s() - 0.26 || window.end_s > counts.start_s() + counts.end_s() + 0.26 {
-            return Err(outside(counts, window));
+            return Err(outside([counts.start_s(), counts.start_s() + counts.end_s()], window));
         }
         let station = |t_s: f64| {
             let found = stations.iter().find(|station| (station.fix.t_ns as f64 * 1e-9 - t_s).abs() < 0.26);

@@ -2,22 +2,24 @@
 //! them.
 
 mod described;
+mod parts;
 
 use geu_model::Configuration;
 use geu_model::package::Calibration;
-use geu_model::sensor::SensorNumbers;
 use geu_model::units::ARCSEC_PER_DEG;
 
+use crate::absolute::AbsoluteData;
 use crate::counts::AccumulatedCounts;
-use crate::effects::EffectContribution;
 pub use crate::evaluation::{AttitudeSource, ConfiguredWiringFault};
 use crate::evaluation::{Evaluation, Observed};
 use crate::first_order;
+use crate::noise::RandomWalks;
 use crate::observe::{CompensatedCounts, ExcludedData};
 use crate::solve::{self, Observation, Solution, SolveError};
 use crate::transfer::Transfer;
-use crate::window::{self, ManoeuvreWindow};
+use crate::window::ManoeuvreWindow;
 pub use described::calibrate_described;
+pub use parts::CalibrationParts;
 
 /// A calibration with the data it rests on.
 #[derive(Debug, Clone, PartialEq)]
@@ -95,23 +97,44 @@ pub fn calibrate(
     windows: Option<&[ManoeuvreWindow]>,
     attitude: &AttitudeSource,
 ) -> Result<Calibrated, CalibrateError> {
-    let evaluation = Evaluation::new(configuration, counts, attitude)?;
-    let mut numbers = SensorNumbers::default();
-    if let AttitudeSource::Sensors(sensors) = attitude {
-        // While the path settles stars are taken as exact: weights that mistrust them would lean on the errors that the
-        // path still has.
-        numbers = sensors.numbers;
-        numbers.sse.star_arcsec = 0.0;
+    match attitude {
+        AttitudeSource::Reference(reference, sigma_arcsec) => {
+            let mut parts = CalibrationParts::new(configuration, windows, *sigma_arcsec)?;
+            parts.add(counts, reference)?;
+            parts.finish()
+        }
+        AttitudeSource::Sensors(sensors) => with_sensors(configuration, counts, windows, (attitude, sensors)),
     }
+}
+
+/// Calibrates with star and sun sensor, whose fixes the path of the gyros joins: it is laid with the parameters of the pass before.
+fn with_sensors(
+    configuration: &Configuration,
+    counts: &AccumulatedCounts,
+    windows: Option<&[ManoeuvreWindow]>,
+    (attitude, sensors): (&AttitudeSource, &AbsoluteData),
+) -> Result<Calibrated, CalibrateError> {
+    let evaluation = Evaluation::new(configuration, counts, attitude)?;
+    check_list(windows)?;
+    // While the path settles stars are taken as exact: weights that mistrust them would lean on the errors that the
+    // path still has.
+    let mut numbers = sensors.numbers;
+    numbers.sse.star_arcsec = 0.0;
     let (mut calibrations, mut effects, mut settled) = (evaluation.prior.clone(), None, None);
     let mut pass = 0;
     loop {
         pass += 1;
         let observed = evaluation.observe(&calibrations, &numbers, effects.as_ref(), |measured, transfer, _| {
-            select_windows(measured, windows, transfer, attitude)
+            let selected = match windows {
+                Some(windows) => with_slews(measured, windows, transfer),
+                None => between_fixes(sensors),
+            };
+            check_number(selected.len())?;
+            Ok(selected)
         })?;
-        let (mut calibrated, own_effects) = solve_observed(&evaluation, observed, &calibrations)?;
-        let AttitudeSource::Sensors(sensors) = attitude else { return Ok(calibrated) };
+        let Observed { observations, left_out, effects: own_effects, .. } = observed;
+        let recording = (evaluation.counts.start_s(), evaluation.counts.runs_back_s);
+        let mut calibrated = solve_observations((observations, left_out), &evaluation.walks, &calibrations, recording)?;
         // The last pass, with the stars as they err, does not change the path.
         if let Some(is_settled) = settled {
             calibrated.is_settled = is_settled;
@@ -137,75 +160,64 @@ pub fn calibrate(
     }
 }
 
-fn solve_observed(
-    evaluation: &Evaluation,
-    observed: Observed,
+/// Solves observations of a recording that starts at `start_s` and whose times run backward at `runs_back_s`.
+fn solve_observations(
+    (observations, mut left_out): (Vec<Observation>, Vec<ExcludedData>),
+    walks: &[RandomWalks],
     prior: &[Calibration],
-) -> Result<(Calibrated, Option<EffectContribution>), CalibrateError> {
-    let (counts, Observed { observations, mut left_out, reference_sigma_arcsec, effects }) =
-        (&evaluation.counts, observed);
-    if let Some(start_s) = counts.runs_back_s {
+    (start_s, runs_back_s): (f64, Option<f64>),
+) -> Result<Calibrated, CalibrateError> {
+    if let Some(start_s) = runs_back_s {
         let why = "times run backward there".to_owned();
         left_out.push(ExcludedData { name: "the rest".to_owned(), start_s, gyro: None, why });
     }
-    match solve::solve(&observations, &evaluation.walks, prior) {
-        Ok(solution) => {
-            let first_order = first_order::solve(&observations, prior);
-            let time_s = counts.start_s();
-            let calibrated = Calibrated {
-                solution,
-                first_order,
-                observations,
-                left_out,
-                reference_sigma_arcsec,
-                time_s,
-                is_settled: true,
-                noise: Vec::new(),
-            };
-            Ok((calibrated, effects))
-        }
+    match solve::solve(&observations, walks, prior) {
+        Ok(solution) => Ok(Calibrated {
+            solution,
+            first_order: first_order::solve(&observations, prior),
+            observations,
+            left_out,
+            reference_sigma_arcsec: [f64::NAN; 3],
+            time_s: start_s,
+            is_settled: true,
+            noise: Vec::new(),
+        }),
         Err(source) => Err(CalibrateError::Unsolvable { source, left_out }),
     }
+}
+
+/// Checks that a list has calibration manoeuvres.
+fn check_list(windows: Option<&[ManoeuvreWindow]>) -> Result<(), CalibrateError> {
+    match windows {
+        Some([]) => Err(CalibrateError::NoManoeuvres("an empty list".to_owned())),
+        Some(windows) if windows.iter().all(ManoeuvreWindow::is_precaution) => {
+            let mut names: Vec<&str> = windows.iter().map(|window| window.name.as_str()).collect();
+            names.dedup();
+            Err(CalibrateError::NoManoeuvres(names.join(", ")))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn check_number(windows: usize) -> Result<(), CalibrateError> {
+    if windows > MAX_WINDOWS { Err(CalibrateError::TooMany(windows)) } else { Ok(()) }
 }
 
 /// A slew after a Y-scan that turns less than this about Y is the precaution before its second fix (Casteren §5.3).
 const SLEW_ABOUT_SUN_ARCSEC: f64 = ARCSEC_PER_DEG;
 
-/// Selects the windows to evaluate: the calibration manoeuvres of the list, a Y-scan up to the end of the slew about the
-/// sun vector that follows it; without a list the whole recording.
-fn select_windows(
-    measured: &CompensatedCounts,
-    windows: Option<&[ManoeuvreWindow]>,
-    transfer: &Transfer,
-    attitude: &AttitudeSource,
-) -> Result<Vec<ManoeuvreWindow>, CalibrateError> {
-    let counts = measured.counts;
-    let selected = match (windows, attitude) {
-        (None, AttitudeSource::Reference(reference, _)) => {
-            let offset_s = counts.offset_s(reference);
-            let (from_s, to_s) = (reference.truth.start_s() - offset_s, reference.truth.end_s() - offset_s);
-            window::cut_at_rests(counts, transfer, from_s, to_s)
-        }
-        (None, AttitudeSource::Sensors(sensors)) => sensors
-            .between_fixes()
-            .enumerate()
-            .map(|(index, [start_s, end_s])| ManoeuvreWindow::new(&format!("stretch {}", index + 1), start_s, end_s))
-            .collect(),
-        (Some(windows), _) => {
-            let selected = windows.iter().enumerate().filter(|(_, window)| !window.is_precaution());
-            selected.map(|(index, window)| with_slew(measured, transfer, window, windows.get(index + 1))).collect()
-        }
+/// The stretches between the fixes of the star sensor.
+fn between_fixes(sensors: &AbsoluteData) -> Vec<ManoeuvreWindow> {
+    let stretch = |(index, [start_s, end_s]): (usize, [f64; 2])| {
+        ManoeuvreWindow::new(&format!("stretch {}", index + 1), start_s, end_s)
     };
-    match windows {
-        _ if selected.len() > MAX_WINDOWS => Err(CalibrateError::TooMany(selected.len())),
-        Some([]) => Err(CalibrateError::NoManoeuvres("an empty list".to_owned())),
-        Some(windows) if selected.is_empty() => {
-            let mut names: Vec<&str> = windows.iter().map(|window| window.name.as_str()).collect();
-            names.dedup();
-            Err(CalibrateError::NoManoeuvres(names.join(", ")))
-        }
-        _ => Ok(selected),
-    }
+    sensors.between_fixes().enumerate().map(stretch).collect()
+}
+
+/// The calibration manoeuvres of a list, a Y-scan up to the end of the slew about the sun vector that follows it.
+fn with_slews(measured: &CompensatedCounts, windows: &[ManoeuvreWindow], transfer: &Transfer) -> Vec<ManoeuvreWindow> {
+    let selected = windows.iter().enumerate().filter(|(_, window)| !window.is_precaution());
+    selected.map(|(index, window)| with_slew(measured, transfer, window, windows.get(index + 1))).collect()
 }
 
 /// A window, extended to the end of `next` if that is the slew about the sun vector after a Y-scan.

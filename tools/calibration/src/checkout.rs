@@ -153,7 +153,7 @@ impl CheckoutRun {
     /// See [`calibrate`].
     pub fn calibrate(&self, prior: &Configuration, by: AttitudeSourceKind) -> Result<Calibrated, CalibrateError> {
         let attitude = match by {
-            AttitudeSourceKind::Reference => AttitudeSource::Reference(&self.reference, Some(0.0)),
+            AttitudeSourceKind::Reference => AttitudeSource::Reference(&self.reference, Some([0.0; 3])),
             AttitudeSourceKind::Sensors => AttitudeSource::Sensors(&self.sensors),
         };
         calibrate(prior, &self.counts, Some(&self.windows), &attitude)

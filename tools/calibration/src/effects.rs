@@ -32,17 +32,22 @@ pub type MotionStep = ([f64; 3], Option<(f64, f64)>);
 pub type MotionSteps = Vec<MotionStep>;
 
 impl EffectContribution {
+    /// True if the unit has an effect besides its noise. Effects have memory, so that a motion is followed from its start.
+    pub fn is_expected(configuration: &Configuration) -> bool {
+        let columns = configuration.without_noise().columns();
+        columns.iter().any(|column| (UNIT_COLUMNS..WIRING_COLUMNS).contains(column))
+    }
+
     /// Runs the model of `configuration`, without its noise, along the motion; `None` if it has no other effect.
     pub fn simulate(
         configuration: &Configuration,
         counts: &AccumulatedCounts,
         steps: impl FnOnce() -> MotionSteps,
     ) -> Option<EffectContribution> {
-        let mut quiet = configuration.without_noise();
-        if !quiet.columns().iter().any(|column| (UNIT_COLUMNS..WIRING_COLUMNS).contains(column)) {
+        if !EffectContribution::is_expected(configuration) {
             return None;
         }
-        let steps = steps();
+        let (mut quiet, steps) = (configuration.without_noise(), steps());
         let times_s = ends_s(&quiet, counts.len());
         quiet.electronics.follow(times_s.iter().copied().zip(counts.electronics_c.iter().copied()).collect());
         let truth = moved(&times_s, steps.iter().copied())?;

@@ -22,8 +22,8 @@ use crate::window::ManoeuvreWindow;
 /// The source of the inertial rotations.
 #[derive(Debug, Clone, Copy)]
 pub enum AttitudeSource<'a> {
-    /// A reference attitude and its noise, 1 sigma; the noise is estimated from the data if it is `None`.
-    Reference(&'a ReferenceAttitude, Option<f64>),
+    /// A reference attitude and its noise about each axis, 1 sigma, arcsec; the noise is estimated from the data if it is `None`.
+    Reference(&'a ReferenceAttitude, Option<[f64; 3]>),
     Sensors(&'a AbsoluteData),
 }
 
@@ -110,10 +110,8 @@ impl<'a> Evaluation<'a> {
         let mut left_out = Vec::new();
         let (effects, reference_sigma_arcsec, (observations, broken)) = match self.attitude {
             AttitudeSource::Reference(reference, sigma_arcsec) => {
-                let sigma_arcsec = sigma_arcsec.map_or_else(
-                    || reference_sigma_arcsec(counts, reference, &self.prior),
-                    |sigma_arcsec| [sigma_arcsec; 3],
-                );
+                let sigma_arcsec =
+                    sigma_arcsec.unwrap_or_else(|| reference_sigma_arcsec(counts, reference, &self.prior));
                 let effects = simulated(&|| steps_of_reference(counts, reference));
                 let measured = CompensatedCounts { counts, effects: effects.as_ref() };
                 let windows = windows(&measured, &transfer, &mut left_out)?;

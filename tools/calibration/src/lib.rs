@@ -23,7 +23,7 @@ pub mod transfer;
 pub mod update;
 pub mod window;
 
-pub use calibrate::{AttitudeSource, CalibrateError, Calibrated, calibrate, calibrate_described};
+pub use calibrate::{AttitudeSource, CalibrateError, Calibrated, CalibrationParts, calibrate, calibrate_described};
 pub use compare::{Comparison, PreviousCalibration, combine, compare};
 pub use coning::without_coning;
 pub use counts::{

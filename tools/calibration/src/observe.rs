@@ -140,16 +140,18 @@ pub fn with_reference(
         // A window without an end ends with the recording.
         let end_s = if window.end_s.is_finite() { window.end_s - start_s } else { counts.end_s() };
         let (Some(from), Some(to)) = (counts.nearest(window.start_s - start_s), counts.nearest(end_s)) else {
-            return Err(outside(counts, window));
+            return Err(outside([start_s, start_s + counts.end_s()], window));
         };
         if to <= from + 1 {
             return Err(TOO_SHORT.to_owned());
         }
         let ends_s = [from, to].map(|node| counts.node_s[node] + offset_s);
-        if ends_s[0] < truth.start_s() - BEYOND_S || ends_s[1] > truth.end_s() + BEYOND_S {
-            let zero_s = reference.start_ns as f64 * 1e-9;
-            let (from_s, to_s) = (zero_s + truth.start_s(), zero_s + truth.end_s());
-            return Err(format!("the reference does not cover it: it covers {from_s:.1}…{to_s:.1} s"));
+        let zero_s = reference.start_ns as f64 * 1e-9;
+        if ends_s[0] < truth.start_s() - BEYOND_S {
+            return Err(format!("the reference does not cover it: it begins at {:.1} s", zero_s + truth.start_s()));
+        }
+        if ends_s[1] > truth.end_s() + BEYOND_S {
+            return Err(format!("the reference does not cover it: it ends at {:.1} s", zero_s + truth.end_s()));
         }
         if !ends_s.iter().all(|t_s| truth.is_known(*t_s)) {
             return Err("the reference has a gap at its start or end".to_owned());
@@ -198,12 +200,11 @@ fn timing(reference: &ReferenceAttitude, ends_s: [f64; 2], offset_s: f64) -> [[f
 pub(crate) const TOO_SHORT: &str = "it is shorter than two samples";
 
 /// The reason to exclude a window that lies outside the recording.
-pub(crate) fn outside(counts: &AccumulatedCounts, window: &ManoeuvreWindow) -> String {
-    let (start_s, end_s) = (counts.start_s(), counts.start_s() + counts.end_s());
-    format!(
-        "the recording does not cover it: it holds {start_s:.1}…{end_s:.1} s, and it lasts until {:.1} s",
-        window.end_s
-    )
+pub(crate) fn outside([start_s, end_s]: [f64; 2], window: &ManoeuvreWindow) -> String {
+    if window.start_s < start_s - 0.5 * SAMPLE_INTERVAL_S {
+        return format!("the recording does not cover it: it begins at {start_s:.1} s");
+    }
+    format!("the recording does not cover it: it ends at {end_s:.1} s, and the manoeuvre at {:.1} s", window.end_s)
 }
 
 /// Mean square of a normal deviate without the largest hundredth of its squares.

@@ -69,12 +69,9 @@ pub fn read(name: &str) -> Result<Vec<ManoeuvreWindow>, TableError> {
 pub(crate) const REST_ARCSEC_S: f64 = 4.0;
 /// Samples over which rates are smoothed: one period of the limit cycle.
 const SMOOTHED: usize = 10;
-/// Maximum length of a window, so that scans without a rest still determine their drift; longer in recordings of weeks,
-/// so that the windows can be solved together.
+/// Maximum length of a window, so that scans without a rest still determine their drift.
 pub(crate) const LONGEST_SAMPLE_INTERVALS: usize = 3600;
-/// Maximum number of windows that a recording is cut into by length alone.
-const MAX_PARTS_BY_LENGTH: usize = 100;
-/// Shorter windows are joined to the one before.
+/// Minimum length of a window.
 const SHORTEST_SAMPLE_INTERVALS: usize = 120;
 
 /// Rate about the control axes around a node, smoothed over a period of the limit cycle, arcsec/s.
@@ -85,12 +82,16 @@ pub(crate) fn smoothed_rate_control_arcsec_s(counts: &AccumulatedCounts, transfe
     transfer.about_control_arcsec(turned, samples).map(|angle| angle / (SAMPLE_INTERVAL_S * samples))
 }
 
-/// Cuts a recording between two of its instants where the unit rests, by its counts, and at least every half hour.
-pub fn cut_at_rests(counts: &AccumulatedCounts, transfer: &Transfer, from_s: f64, to_s: f64) -> Vec<ManoeuvreWindow> {
+/// Cuts a recording between two of its instants where the unit rests, by its counts, and at least every half hour. `before` is the number
+/// of windows before them.
+pub fn cut_at_rests(
+    counts: &AccumulatedCounts,
+    transfer: &Transfer,
+    [from_s, to_s]: [f64; 2],
+    before: usize,
+) -> Vec<ManoeuvreWindow> {
     let first = counts.node_s.partition_point(|&node_s| node_s < from_s);
     let last = counts.node_s.partition_point(|&node_s| node_s <= to_s).saturating_sub(1);
-    let longest = LONGEST_SAMPLE_INTERVALS.max(last.saturating_sub(first) / MAX_PARTS_BY_LENGTH);
-    let shortest = SHORTEST_SAMPLE_INTERVALS.max(longest / 30);
     let is_at_rest = |node: usize| {
         smoothed_rate_control_arcsec_s(counts, transfer, node).iter().all(|rate| rate.abs() < REST_ARCSEC_S)
     };
@@ -99,12 +100,12 @@ pub fn cut_at_rests(counts: &AccumulatedCounts, transfer: &Transfer, from_s: f64
     for node in first + 1..last {
         let rests = is_at_rest(node);
         let since = node - cuts[cuts.len() - 1];
-        if (rests != was_at_rest && since >= shortest) || since >= longest {
+        if (rests != was_at_rest && since >= SHORTEST_SAMPLE_INTERVALS) || since >= LONGEST_SAMPLE_INTERVALS {
             cuts.push(node);
         }
         was_at_rest = rests;
     }
-    if last.saturating_sub(cuts[cuts.len() - 1]) < shortest && cuts.len() > 1 {
+    if last.saturating_sub(cuts[cuts.len() - 1]) < SHORTEST_SAMPLE_INTERVALS && cuts.len() > 1 {
         cuts.pop();
     }
     cuts.push(last);
@@ -113,7 +114,7 @@ pub fn cut_at_rests(counts: &AccumulatedCounts, transfer: &Transfer, from_s: f64
         .enumerate()
         .map(|(index, pair)| {
             let [start_s, end_s] = [pair[0], pair[1]].map(|node| counts.start_s() + counts.node_s[node]);
-            ManoeuvreWindow::new(&format!("stretch {}", index + 1), start_s, end_s)
+            ManoeuvreWindow::new(&format!("stretch {}", before + index + 1), start_s, end_s)
         })
         .collect()
 }

@@ -31,7 +31,7 @@ fn exact_increments_recover_the_parameters() {
         let (ended, traces) = model.end_sample_traced();
         exact.push(ended.end_ns as f64 * 1e-9, &traces.iter().map(|trace| trace.unquantised).collect::<Vec<_>>(), 20.0);
     }
-    let attitude = AttitudeSource::Reference(&run.reference, Some(0.0));
+    let attitude = AttitudeSource::Reference(&run.reference, Some([0.0; 3]));
     let calibrated = calibrate(&before_checkout(&unit), &exact, Some(&run.windows), &attitude).expect("determined");
     let truth = values(&true_calibrations(&unit));
     for ((parameter, solved), truth) in CalibrationParameter::all().zip(calibrated.solution.values()).zip(truth) {
@@ -150,7 +150,7 @@ fn configured_effects_of_the_paper_are_subtracted() {
     }
     let truth = values(&unit.calibrations());
     for windows in [Some(&run.windows[..]), None] {
-        let attitude = AttitudeSource::Reference(&run.reference, Some(0.0));
+        let attitude = AttitudeSource::Reference(&run.reference, Some([0.0; 3]));
         let solution = calibrate(&configured, &run.counts, windows, &attitude).expect("determined").solution;
         assert!(solution.probability() > 1e-4, "{} of {}", solution.chi2, solution.degrees_of_freedom);
         for ((parameter, solved), (sigma, truth)) in

@@ -64,7 +64,7 @@ fn truth(unit: &Configuration, t_s: f64) -> [f64; 4] {
 }
 
 fn by_reference(run: &CheckoutRun) -> AttitudeSource<'_> {
-    AttitudeSource::Reference(&run.reference, Some(0.0))
+    AttitudeSource::Reference(&run.reference, Some([0.0; 3]))
 }
 
 /// A fortnight after a checkout.

@@ -15,6 +15,7 @@ use geu_recording::{DecoderOptions, DeviceDecoder, InputReader, Reference, Refer
 use geu_report::calibration::{CalibrationPage, comparison_table, terminal_table};
 
 use crate::calibrate_compare;
+use crate::calibrate_parts;
 use crate::command_error::{CommandError, note, say};
 use crate::evaluation_args::EvaluationArgs;
 use crate::outputs::{OutputFile, write_all};
@@ -97,17 +98,23 @@ impl AttitudeInput {
         }
     }
 
-    /// Refuses a reference in another time system than the link's receive times, UTC: TAI, GPS and TT differ from it by
-    /// whole seconds.
-    fn check_time_system(&self, counts: &AccumulatedCounts) -> Result<(), CommandError> {
-        let AttitudeInput::Reference(ReferenceAttitude { time_system: Some(system), .. }) = self else { return Ok(()) };
-        if system == "UTC" || !counts.is_received {
-            return Ok(());
+    fn time_system(&self) -> Option<&str> {
+        match self {
+            AttitudeInput::Reference(reference) => reference.time_system.as_deref(),
+            AttitudeInput::Sensors(_) => None,
         }
-        Err(CommandError::input(format!(
+    }
+}
+
+/// Refuses a reference in another time system than the link's receive times, UTC: TAI, GPS and TT differ from it by
+/// whole seconds.
+pub fn check_time_system(system: Option<&str>, is_received: bool) -> Result<(), CommandError> {
+    match system {
+        Some(system) if system != "UTC" && is_received => Err(CommandError::input(format!(
             "--reference: TIME_SYSTEM: expected UTC, as the link's receive times are, got {system}: time systems are offset \
              from each other, TAI, GPS and TT from UTC by whole seconds and more; convert the ephemeris to UTC"
-        )))
+        ))),
+        _ => Ok(()),
     }
 }
 
@@ -125,13 +132,24 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     }
     let earlier = calibrate_compare::read(&arguments.compare)?;
     let windows = arguments.evaluation.windows()?;
+    if let Some(reference) = arguments.reference.as_deref().filter(|_| !arguments.update.update) {
+        let calibrated = calibrate_parts::calibrate(
+            (&arguments.link, &arguments.evaluation),
+            &configuration,
+            windows.as_deref(),
+            (reference, arguments.reference_sigma),
+        )?;
+        return report_results(arguments, (&settings, &configuration), &calibrated, &earlier);
+    }
     let input = AttitudeInput::read(arguments, &configuration)?;
     let start_ns = arguments.evaluation.start_ns(input.start_ns());
     let counts = read_counts(&arguments.link, arguments.evaluation.options()?, start_ns)?;
     arguments.evaluation.note_start(&arguments.link, counts.is_received);
-    input.check_time_system(&counts)?;
+    check_time_system(input.time_system(), counts.is_received)?;
     let attitude = match &input {
-        AttitudeInput::Reference(reference) => AttitudeSource::Reference(reference, arguments.reference_sigma),
+        AttitudeInput::Reference(reference) => {
+            AttitudeSource::Reference(reference, arguments.reference_sigma.map(|sigma_arcsec| [sigma_arcsec; 3]))
+        }
         AttitudeInput::Sensors(sensors) => AttitudeSource::Sensors(sensors),
     };
     if arguments.update.update {
@@ -170,12 +188,10 @@ fn run_described(
         )));
     };
     let recording = read_device(&arguments.link, &arguments.evaluation, &configuration.device, reference)?;
-    input.check_time_system(&recording.counts)?;
+    check_time_system(input.time_system(), recording.counts.is_received)?;
     let DeviceRecording { counts, defects, outliers, left_out, .. } = recording;
     let link = arguments.link.join(" ");
-    if defects > 0 {
-        note(format_args!("geu: {defects} defects in {link}; `geu decode --format summary {link}` lists them\n"));
-    }
+    note_defects(&arguments.link, defects);
     let rows = left_out.repeated + left_out.of_other_trials + left_out.after_gap;
     if rows > 0 {
         note(format_args!("geu: {rows} rows of {link} are left out: repeated, of another trial, or after a gap\n"));
@@ -362,10 +378,19 @@ pub fn read_counts(
 ) -> Result<AccumulatedCounts, CommandError> {
     let mut counts = CountsReader::default();
     read_recordings(names, options, &mut counts)?;
-    if counts.defects() > 0 {
-        let (count, input) = (counts.defects(), names.join(" "));
-        note(format_args!("geu: {count} defects in {input}; `geu decode --format summary {input}` lists them\n"));
+    note_defects(names, counts.defects());
+    counts.finish(clock_start_ns).ok_or_else(|| no_samples(names))
+}
+
+/// Says how many defects the recordings have.
+pub fn note_defects(names: &[String], defects: u64) {
+    if defects > 0 {
+        let input = names.join(" ");
+        note(format_args!("geu: {defects} defects in {input}; `geu decode --format summary {input}` lists them\n"));
     }
-    let none = || CommandError::input(format!("{}: expected samples of the unit, got none", names.join(" ")));
-    counts.finish(clock_start_ns).ok_or_else(none)
+}
+
+/// The error of recordings without a sample.
+pub fn no_samples(names: &[String]) -> CommandError {
+    CommandError::input(format!("{}: expected samples of the unit, got none", names.join(" ")))
 }

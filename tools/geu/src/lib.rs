@@ -24,6 +24,7 @@ macro_rules! subcommands {
 mod blind;
 mod calibrate;
 mod calibrate_compare;
+mod calibrate_parts;
 mod checkout;
 mod command_error;
 mod completions;

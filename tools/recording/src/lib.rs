@@ -65,7 +65,7 @@ pub use input_reader::{Decode, InputReader, Stop};
 pub use no_rows::no_rows_reason;
 pub use others::Others;
 pub use pool::{Ordered, pool};
-pub use reference::{MagnitudeRow, REFERENCE, Reference, ReferenceAttitude, Trial};
+pub use reference::{MagnitudeRow, REFERENCE, Reference, ReferenceAttitude, ReferenceParts, Trial};
 pub use row::{DeviceSample, ReceivedSample, Sink};
 pub use summary::DecodeSummary;
 pub use text::{RowLines, RowReader, Table, open_rows, read_text};

@@ -5,10 +5,12 @@
 
 mod columns;
 mod magnitudes;
+mod parts;
 mod rate_jumps;
 #[cfg(test)]
 mod tests;
 mod trial_rows;
+mod trial_table;
 
 use std::io::Read;
 use std::path::Path;
@@ -22,7 +24,8 @@ use nalgebra::UnitQuaternion;
 use self::columns::{COLUMNS, Columns};
 use self::magnitudes::MagnitudeColumns;
 pub use self::magnitudes::MagnitudeRow;
-use self::trial_rows::TrialRows;
+pub use self::parts::ReferenceParts;
+use self::trial_table::TrialTable;
 use crate::aem;
 use crate::csv_table::{CsvTable, TableError};
 use crate::text::{RowReader, open_rows};
@@ -206,7 +209,7 @@ impl Reference {
                 // Frames of a link have one time scale.
                 let is_table = device.serial.is_none() && device.can.is_none();
                 let has_own_times = is_table && device.table.as_ref().is_some_and(|table| table.group.is_some());
-                TrialRows::read(name, table, Gaps::All { has_own_times }).map(Reference::Attitude)
+                TrialTable::new(name, table, Gaps::All { has_own_times })?.read().map(Reference::Attitude)
             }
         }
     }
@@ -223,7 +226,7 @@ fn is_ephemeris(name: &str, rows: &mut RowReader<impl Read>) -> Result<bool, Tab
 fn attitude(name: &str, mut rows: RowReader<impl Read>, gaps: Gaps) -> Result<ReferenceAttitude, TableError> {
     match is_ephemeris(name, &mut rows)? {
         true => aem::parse(name, rows.lines()),
-        false => TrialRows::read(name, CsvTable::new(name, rows)?, gaps),
+        false => TrialTable::new(name, CsvTable::new(name, rows)?, gaps)?.read(),
     }
 }
 

@@ -61,7 +61,7 @@ pub fn calibrate_described(
     let device = Arc::new(configuration.device.at_nodes(counts.interval_s));
     let parameters = CalibrationParameter::of_unit(&device);
     let configuration = Configuration { device, ..configuration.clone() };
-    let attitude = AttitudeSource::Reference(reference, sigma_arcsec);
+    let attitude = AttitudeSource::Reference(reference, sigma_arcsec.map(|sigma_arcsec| [sigma_arcsec; 3]));
     let Evaluation { configuration, counts, prior, walks: configured, .. } =
         Evaluation::new(&configuration, counts, &attitude)?;
     let mut counts = counts.into_owned();

@@ -69,6 +69,17 @@ impl CountsReader {
         self.defects
     }
 
+    /// Samples since the start or the last part, missing ones counted.
+    pub fn samples(&self) -> usize {
+        self.nodes.node
+    }
+
+    /// Ends a part; the next one starts at its last node. See [`CountsReader::finish`].
+    pub fn end_part(&mut self, clock_start_ns: i64) -> Option<AccumulatedCounts> {
+        let next = NodeReader::new(AccumulatedCounts::starting_at(0));
+        std::mem::replace(&mut self.nodes, next).finish(clock_start_ns)
+    }
+
     /// Returns the counts; `None` without a row. `clock_start_ns` is the time at which the unit's clock was 0, for
     /// recordings without receive times.
     pub fn finish(self, clock_start_ns: i64) -> Option<AccumulatedCounts> {
@@ -279,6 +290,8 @@ mod tests {
     use super::*;
 
     use geu_model::units::ARCSEC_PER_RAD;
+    use geu_protocol::capture::Timestamp;
+    use geu_protocol::{CLOCK_PER_SAMPLE, Sample};
     use nalgebra::{UnitQuaternion, Vector3};
 
     #[test]
@@ -295,6 +308,51 @@ mod tests {
         assert_eq!((counts.start_ns, counts.is_received), (start_ns, true));
         assert_eq!(counts.node_s, [0.0, 0.5, 1.0, 1.5, 2.0, 2.5]);
         assert_eq!(counts.received_late_s, [(2, 0.0), (3, 0.0), (4, 0.0), (5, 0.0)]);
+    }
+
+    #[test]
+    fn parts_of_a_recording_follow_each_other() {
+        let row = |number: u64| {
+            let sample = Sample {
+                sequence: number as u16,
+                increments: [number as i16 % 100, -3, 5, 7],
+                gyro_flags: 0x0F,
+                clock_count: (number + 1) * CLOCK_PER_SAMPLE,
+                ..Sample::default()
+            };
+            let time = Timestamp { t_ns: (number as i64 + 1) * SAMPLE_INTERVAL_NS, digits: 6 };
+            ReceivedSample { time: Some(time), is_received: true, sample, has_clock: true }
+        };
+        // Samples 390 to 399 are missing, and 400 is the first of a part.
+        let rows = || (0..1000).filter(|number| !(390..400).contains(number)).map(row);
+        let mut whole = CountsReader::default();
+        rows().for_each(|row| whole.row(&row));
+        let whole = whole.finish(0).expect("counts");
+        let (mut reader, mut parts) = (CountsReader::default(), Vec::new());
+        for row in rows() {
+            reader.row(&row);
+            if [389, 700].contains(&row.sample.sequence) {
+                parts.push(reader.end_part(0).expect("a part"));
+                assert_eq!(reader.samples(), 0);
+            }
+        }
+        parts.extend(reader.finish(0));
+        let mut first = 0;
+        for part in &parts {
+            assert_eq!(part.start_ns, whole.start_ns + (whole.node_s[first] * 1e9).round() as i64);
+            for node in 0..=part.len() {
+                for gyro in 0..4 {
+                    let of_whole = whole.accumulated[gyro][first + node] - whole.accumulated[gyro][first];
+                    assert_eq!(part.accumulated[gyro][node], of_whole);
+                }
+                assert!((part.node_s[node] - (whole.node_s[first + node] - whole.node_s[first])).abs() < 1e-9);
+            }
+            first += part.len();
+        }
+        assert_eq!(first, whole.len());
+        let broken = |counts: &AccumulatedCounts| counts.breaks.iter().map(|own| own.to - own.from).collect::<Vec<_>>();
+        assert_eq!(parts.iter().map(broken).collect::<Vec<_>>(), [vec![], vec![11], vec![]]);
+        assert_eq!(broken(&whole), [11]);
     }
 
     #[test]

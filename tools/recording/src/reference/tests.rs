@@ -267,7 +267,9 @@ fn the_motion_beside_a_jump_of_the_rate_is_exact() {
     let titles = "start_s,end_s,angle_x_arcsec,angle_y_arcsec,angle_z_arcsec,sigma_arcsec\n";
     let text = titles.to_owned() + &text;
     let table = CsvTable::new("t.csv", RowReader::new(text.as_bytes())).expect("a table");
-    let read = TrialRows::read("t.csv", table, Gaps::All { has_own_times: false }).expect("a reference");
+    let read = TrialTable::new("t.csv", table, Gaps::All { has_own_times: false })
+        .and_then(TrialTable::read)
+        .expect("a reference");
     let mut near = 0;
     for t_s in (1..690).map(|row| f64::from(row) * 1e-3) {
         let found = read.truth.at(t_s, &mut near).0[0];
@@ -278,4 +280,52 @@ fn the_motion_beside_a_jump_of_the_rate_is_exact() {
     // The two parts of a row have its variance together.
     let variance: f64 = read.turn_sigma_arcsec.iter().map(|sigma| sigma[0] * sigma[0]).sum();
     assert!((variance - 4.0 * 111.0).abs() < 1e-9, "{variance}");
+}
+
+#[test]
+fn parts_of_a_reference_move_as_the_whole() {
+    // A swing about Z and a turn about X, with a gap of 40 s.
+    let row = |row: u32| {
+        let t_s = f64::from(row) * 0.5;
+        let attitude = UnitQuaternion::from_euler_angles(t_s * 1e-3, 0.0, 0.01 * (t_s * 0.3).sin());
+        format!("{t_s},{},{},{},{},90,0,{t_s}\n", attitude.w, attitude.i, attitude.j, attitude.k)
+    };
+    let rows: String = (0..2000).filter(|row| !(900..980).contains(row)).map(row).collect();
+    let text = format!("t_s,q_w,q_x,q_y,q_z,theta_deg,psi_deg,electronics_c\n{rows}");
+    let table = || {
+        let table = CsvTable::new("f.csv", RowReader::new(text.as_bytes())).expect("a table");
+        TrialTable::new("f.csv", table, Gaps::OfAttitudes).expect("a reference")
+    };
+    let (whole, mut parts) = (table().read().expect("a reference"), table());
+    let turn = |of: &ReferenceAttitude, ends_s: [f64; 2]| {
+        let since_s = of.start_ns as f64 * 1e-9;
+        let [from, to] = ends_s.map(|t_s| of.truth.at(t_s - since_s, &mut 0).0);
+        std::array::from_fn::<f64, 3, _>(|axis| to[axis] - from[axis])
+    };
+    let mut from_s = 0.0;
+    for end_s in [0.0, 130.25, 131.0, 455.0, 800.0, 999.5] {
+        let (part, is_end) = parts.read_to((end_s * 1e9) as i64).expect("a part");
+        assert_eq!(is_end, end_s > 990.0, "{end_s}");
+        assert!(part.truth.end_s() < end_s - part.start_ns as f64 * 1e-9 + 73.0, "{end_s}: rows behind the part");
+        let mut at_s = from_s;
+        while at_s < end_s {
+            let ends_s = [from_s, at_s + 0.37];
+            let [own, of_whole] = [&part, &whole].map(|reference| turn(reference, ends_s));
+            let off_arcsec = (0..3).map(|axis| (own[axis] - of_whole[axis]).abs()).fold(0.0, f64::max);
+            assert!(off_arcsec < 1e-6, "{off_arcsec} arcsec at {at_s} s of the part to {end_s} s");
+            let [own, of_whole] = [&part, &whole].map(|of| of.truth.is_known(at_s - of.start_ns as f64 * 1e-9));
+            assert_eq!(own, of_whole, "{at_s}");
+            at_s += 7.3;
+        }
+        let last_c = part.celsius[0].last().expect("a temperature").1;
+        assert!((last_c - (part.start_ns as f64 * 1e-9 + part.truth.end_s())).abs() < 1e-6, "{last_c}");
+        from_s = end_s;
+    }
+    // A row of the end that is no row is an error of that part.
+    let broken = format!("{text}x,1,0,0,0,90,0,20\n");
+    let table = CsvTable::new("f.csv", RowReader::new(broken.as_bytes())).expect("a table");
+    let mut parts = TrialTable::new("f.csv", table, Gaps::OfAttitudes).expect("a reference");
+    assert!(parts.read_to(900_000_000_000).is_ok());
+    let message = parts.read_to(999_000_000_000).expect_err("a broken row").to_string();
+    assert!(message.contains("line 1922: t_s: expected a number, got \"x\""), "{message}");
 }

@@ -6,7 +6,7 @@ use geu_model::attitude::{AttitudeRow, GAP_SPACINGS, RecordedAttitude, median_sp
 use geu_model::units::RAD_PER_DEG;
 use nalgebra::{Quaternion, UnitQuaternion};
 
-use super::columns::{COLUMNS, Columns, MotionKind, SIGMA_COLUMNS, time_ns};
+use super::columns::{Columns, MotionKind, time_ns};
 use super::rate_jumps::rate_jumps;
 use super::{BETWEEN_TRIALS_S, Gaps, ReferenceAttitude, Trial, turn_arcsec};
 use crate::csv_table::{CsvTable, TableError};
@@ -16,16 +16,13 @@ const TOUCHING_S: f64 = 1e-6;
 /// Largest sigma, half a turn: an attitude that is less certain states nothing.
 const MAX_SIGMA_ARCSEC: f64 = 648_000.0;
 
-/// Each trial has drifts of its own.
-const MAX_TRIALS: usize = 1000;
-
 /// A trial as it is read: rows with their lines, sigmas and starts, where there are any.
 #[derive(Default)]
 pub struct TrialRows {
-    name: String,
+    pub name: String,
     base_ns: Option<i64>,
     attitude: Option<UnitQuaternion<f64>>,
-    rows: Vec<AttitudeRow>,
+    pub rows: Vec<AttitudeRow>,
     lines: Vec<u64>,
     sigma_arcsec: Vec<[f64; 3]>,
     celsius: [Vec<(f64, f64)>; 2],
@@ -38,40 +35,41 @@ pub struct TrialRows {
 }
 
 impl TrialRows {
-    /// Reads the trials of a table as one truth.
-    ///
-    /// # Errors
-    /// [`TableError`], with the line.
-    pub fn read(name: &str, mut table: CsvTable<impl Read>, gaps: Gaps) -> Result<ReferenceAttitude, TableError> {
-        let columns = Columns::find(&table).and_then(|columns| match columns.kind {
-            MotionKind::Magnitude => Err(COLUMNS),
-            _ => Ok(columns),
-        });
-        let columns = columns.map_err(|expected| table.without_columns(expected))?;
-        let is_single = !matches!(gaps, Gaps::All { .. });
-        if is_single && columns.kind != MotionKind::Attitude && columns.sigma.is_some() {
-            return Err(table.without_columns(SIGMA_COLUMNS));
+    /// A trial before its first row.
+    pub fn new(name: &str) -> TrialRows {
+        TrialRows { name: name.to_owned(), ..TrialRows::default() }
+    }
+
+    /// Time of a row, ns.
+    pub fn t_ns(&self, row: &AttitudeRow) -> i64 {
+        self.base_ns.unwrap_or(0).saturating_add((row.t_s * 1e9).round() as i64)
+    }
+
+    /// A copy without the rows before this one.
+    pub fn from(&self, first: usize) -> TrialRows {
+        fn later<T: Copy>(all: &[T], first: usize) -> Vec<T> {
+            all.get(first..).unwrap_or_default().to_vec()
         }
-        let mut trials: Vec<TrialRows> = Vec::new();
-        while table.read()? {
-            let own = columns.trial.map_or("", |trial| table.text(trial));
-            let place = trials.iter().rposition(|trial| trial.name == own).unwrap_or(trials.len());
-            if place == trials.len() {
-                if place > 0 && is_single {
-                    return Err(table.unexpected(columns.trial.unwrap_or(0), "a single trial"));
-                }
-                if place == MAX_TRIALS {
-                    return Err(table.unexpected(columns.trial.unwrap_or(0), &format!("at most {MAX_TRIALS} trials")));
-                }
-                trials.push(TrialRows { name: own.to_owned(), ..TrialRows::default() });
-            }
-            trials[place].push(&columns, &table, !is_single)?;
+        let from_s = self.rows.get(first).map_or(f64::INFINITY, |row| row.t_s);
+        TrialRows {
+            name: self.name.clone(),
+            base_ns: self.base_ns,
+            attitude: self.attitude,
+            rows: later(&self.rows, first),
+            lines: later(&self.lines, first),
+            sigma_arcsec: later(&self.sigma_arcsec, first),
+            celsius: self.celsius.each_ref().map(|own| later(own, own.partition_point(|known| known.0 < from_s))),
+            acceleration_m_s2: later(
+                &self.acceleration_m_s2,
+                self.acceleration_m_s2.partition_point(|known| known.0 < from_s),
+            ),
+            starts_s: later(&self.starts_s, first),
+            ..TrialRows::default()
         }
-        TrialRows::finish(trials, name, &columns, gaps)
     }
 
     /// Adds a row, unless it is a dropout, which `skips` allows of rates too.
-    fn push(&mut self, columns: &Columns, table: &CsvTable<impl Read>, skips: bool) -> Result<(), TableError> {
+    pub fn push(&mut self, columns: &Columns, table: &CsvTable<impl Read>, skips: bool) -> Result<(), TableError> {
         let number = |column: usize| table.number(column);
         // Seconds since the first row, so that no digit of a Unix time is lost.
         let t_ns = time_ns(table, columns.time)?;
@@ -192,7 +190,7 @@ impl TrialRows {
     }
 
     /// The truth of the trials, one after the other.
-    fn finish(
+    pub fn finish(
         trials: Vec<TrialRows>,
         file: &str,
         columns: &Columns,
