@@ -82,9 +82,14 @@ impl<'a> CalibrationParts<'a> {
     /// # Errors
     /// [`CalibrateError`].
     pub fn add(&mut self, counts: &AccumulatedCounts, reference: &ReferenceAttitude) -> Result<(), CalibrateError> {
-        // The end of a recording may be too short for a window.
-        if self.recording.as_ref().is_some_and(|before| before.runs_back_s.is_some() || counts.len() < 4) {
-            return Ok(());
+        if let Some(before) = &mut self.recording {
+            if counts.start_s() < before.end_s - 0.5 * SAMPLE_INTERVAL_S {
+                before.runs_back_s.get_or_insert(before.end_s);
+            }
+            // The end of a recording may be too short for a window.
+            if before.runs_back_s.is_some() || counts.len() < 4 {
+                return Ok(());
+            }
         }
         let attitude = AttitudeSource::Reference(reference, self.reference_sigma_arcsec);
         let evaluation = Evaluation::new(self.configuration, counts, &attitude)?;
@@ -288,6 +293,26 @@ mod tests {
         observations[3].counts = vec![None];
         join(&mut observations, 1);
         assert_eq!(observations.iter().map(|own| own.start_s).collect::<Vec<_>>(), [0.0, 65.0, 185.0, 245.0]);
+    }
+
+    #[test]
+    fn what_comes_behind_a_time_that_runs_backward_is_left_out() {
+        let (unit, (counts, reference)) = (Configuration::reference(), recording());
+        let mut parts = CalibrationParts::new(&unit, None, Some([0.0; 3])).expect("no list");
+        for later_s in [0, 200, 150, 400] {
+            let own = AccumulatedCounts { start_ns: later_s * 1_000_000_000, ..counts.clone() };
+            let reference = ReferenceAttitude { start_ns: own.start_ns, ..reference.clone() };
+            parts.add(&own, &reference).expect("a part");
+        }
+        let recording = parts.recording.as_ref().expect("parts");
+        assert_eq!((recording.nodes, recording.end_s, recording.runs_back_s), (800, 400.0, Some(400.0)));
+        let CalibrateError::Unsolvable { left_out, .. } = parts.finish().expect_err("no motion") else {
+            panic!("expected parameters that are not determined")
+        };
+        assert!(
+            left_out.iter().any(|own| own.start_s == 400.0 && own.why == "times run backward there"),
+            "{left_out:?}"
+        );
     }
 
     #[test]
