@@ -94,22 +94,43 @@ impl Covariance {
     }
 }
 
-/// Reports gyros with counts in a wrong unit and excludes them from the further checks. Returns true if the other gyros can be judged:
-/// if two gyros are in a wrong unit, all are, even if a gyro that turns little does not show it.
-pub fn wrong_units(compared: &mut CountComparison, findings: &mut FindingCollector) -> bool {
-    let mut wrong = 0;
+/// Minimum number of gyros, on two axes, that turn against a motion of opposite sign.
+const MIN_REVERSED: usize = 3;
+
+/// Finds that all gyros turn against the motion, which is then of opposite sign: that of several gyros is not wrong at once.
+pub fn reversed(compared: &CountComparison) -> Option<String> {
+    let own = Gyro::ALL.map(|gyro| (gyro, Covariance::new(compared, gyro.index(), 1)));
+    let moved = own.iter().filter(|(_, own)| own.is_determined() && own.predicted > MIN_MOTION_COUNTS.powi(2));
+    let moved: Vec<_> = moved.collect();
+    let is_reversed = |(_, own): &&(Gyro, Covariance)| {
+        (own.factor() + 1.0).abs() < MAX_SCALE_ERROR && 1.0 - own.explained() < MAX_UNEXPLAINED
+    };
+    let names: Vec<&str> = moved.iter().map(|(gyro, _)| gyro.name()).collect();
+    (moved.len() >= MIN_REVERSED && moved.iter().all(is_reversed)).then(|| {
+        format!(
+            "got the opposite: {} turn against it; reverse the signs of its rates or invert its quaternions, or, if the harness inverts every gyro, \
+             configure sign-inversion of each",
+            names.join(", ")
+        )
+    })
+}
+
+/// Reports gyros with counts in a wrong unit and excludes them from the further checks. If two gyros are in a wrong unit, all are, even if a
+/// gyro that turns little does not show it: returns the factor of the first and its cause.
+pub fn wrong_units(compared: &mut CountComparison, findings: &mut FindingCollector) -> Option<String> {
+    let mut wrong = Vec::new();
     for gyro in Gyro::ALL {
         let covariances = SUMMED.map(|summed| Covariance::new(compared, gyro.index(), summed));
         let Some(factor) = covariances.iter().find(|own| own.is_of_another_unit()).map(Covariance::factor) else {
             continue;
         };
-        wrong += 1;
         let likely = known_factor(factor.abs()).map_or(String::new(), |(_, name)| format!(", as by {name}"));
         let text = format!("counts are {factor:.6} times what the motion predicts{likely}");
+        wrong.push(format!("got {} of which the {text}; give both in the same unit", gyro.name()));
         findings.whole(Finding::UNIT_FACTOR, Some(gyro), text);
         compared.samples.iter_mut().for_each(|sample| sample.is_used[gyro.index()] = false);
     }
-    wrong < 2
+    (wrong.len() >= 2).then(|| wrong.swap_remove(0))
 }
 
 /// Reports gyros with counts that do not follow the motion, with the known wiring faults applied.

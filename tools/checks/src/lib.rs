@@ -51,6 +51,9 @@ pub struct CheckResult {
     pub faults: Vec<WiringFault>,
     /// All rows, with wiring faults undone. Lost counts are marked as invalid, and counts at a limit as saturated.
     pub rows: Vec<ReceivedSample>,
+    /// Why counts and motion cannot be compared, as what was got in place of the motion that the gyros measure: the opposite, or one in another
+    /// unit.
+    pub mismatch: Option<String>,
 }
 
 /// Checks a recording: `rows` and `defects` of the decoder, in order, against the nominal `configuration`.
@@ -68,13 +71,14 @@ pub fn check(
     clock::check(rows, &timeline, configuration, &mut findings);
 
     let compared = CountComparison::new(&corrected, &timeline, configuration, reference, &mut findings);
-    let mut faults = Vec::new();
-    if let Some(mut compared) = compared {
+    let (mut faults, mut mismatch) = (Vec::new(), compared.as_ref().and_then(correlation::reversed));
+    if let Some(mut compared) = compared.filter(|_| mismatch.is_none()) {
         // Two exchanged gyros may look like counts in another unit, and counts in a coarser unit like a stuck output.
         let all = WiringHypothesis::all();
         let reversible: Vec<WiringHypothesis> = all.iter().copied().filter(WiringHypothesis::undoes_itself).collect();
         faults = wiring::search(reversible, &[], &mut compared, &timeline);
-        if correlation::wrong_units(&mut compared, &mut findings) {
+        mismatch = correlation::wrong_units(&mut compared, &mut findings);
+        if mismatch.is_none() {
             let further = wiring::search(all, &faults, &mut compared, &timeline);
             faults.extend(further);
         }
@@ -84,5 +88,5 @@ pub fn check(
     let mut faults: Vec<WiringFault> = faults.into_iter().map(|found| found.fault).collect();
     faults.sort_by(|one, other| one.onset_s.unwrap_or(0.0).total_cmp(&other.onset_s.unwrap_or(0.0)));
     faults.iter().for_each(|fault| findings.fault(fault));
-    CheckResult { findings: findings.findings(), faults, rows: corrected }
+    CheckResult { findings: findings.findings(), faults, rows: corrected, mismatch }
 }

@@ -252,7 +252,25 @@ fn counts_in_another_unit_are_reported_with_their_factor() {
         let found = findings(&checked, "unit-factor");
         assert!(found.len() >= 2 && found.iter().all(|(_, text)| text.contains(name)), "{:?}", checked.findings);
         assert!(checked.faults.is_empty(), "{:?}", checked.faults);
+        assert!(checked.mismatch.is_some_and(|why| why.contains(name)));
     }
+}
+
+#[test]
+fn a_reference_of_opposite_sign_is_no_wiring_of_all_gyros() {
+    let (recording, unit) = (Recording::with(5, &[]), Configuration::reference());
+    let inverted = |gyros: &[usize]| {
+        let mut rows = recording.rows.clone();
+        let all = rows.iter_mut().flat_map(|row| row.sample.increments.iter_mut().enumerate());
+        all.filter(|(gyro, _)| gyros.contains(gyro)).for_each(|(_, count)| *count = -*count);
+        check(&rows, &[], &unit, &recording.reference)
+    };
+    let all = inverted(&[0, 1, 2, 3]);
+    assert!(all.faults.is_empty(), "{:?}", all.faults);
+    assert!(all.mismatch.is_some_and(|why| why.contains("GYRX, GYRY, GYRZA, GYRZB turn against it")));
+    // One gyro that follows the motion shows that the others are inverted.
+    let three = inverted(&[0, 1, 2]);
+    assert_eq!((three.faults.len(), three.mismatch), (3, None));
 }
 
 #[test]

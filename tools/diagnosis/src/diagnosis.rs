@@ -46,6 +46,9 @@ pub fn diagnose_rows(
 ) -> Result<Diagnosis, MeasuredError> {
     (options.progress)("exact checks");
     let checked = check(rows, defects, nominal, reference);
+    if let Some(got) = checked.mismatch {
+        return Err(MeasuredError::Mismatch(got));
+    }
     let counts = |rows: &[ReceivedSample]| {
         let mut reader = CountsReader::default();
         rows.iter().for_each(|row| reader.row(row));

@@ -32,6 +32,9 @@ pub enum MeasuredError {
         "the reference: expected rows of rates or turns of at most {MAX_ROW_S} s, which show the motion, got {row_s:.1} s; `geu calibrate` takes longer ones"
     )]
     LongRows { row_s: f64 },
+    /// The reference is of opposite sign or in another unit.
+    #[error("the reference: expected the motion that the gyros measure, {0}")]
+    Mismatch(String),
     /// Too many samples of the common interval are not usable.
     #[error(
         "the recording: expected at least {min_s:.0} s of one gyro beside the reference, without lost, clipped or invalid samples, got {good_s:.0} s of {common_s:.0} s; `geu decode` lists the losses"

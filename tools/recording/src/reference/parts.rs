@@ -19,7 +19,7 @@ pub struct ReferenceParts {
 }
 
 enum Source {
-    Rows(TrialTable<Box<dyn Read>>),
+    Rows(Box<TrialTable<Box<dyn Read>>>),
     /// An attitude ephemeris is one part.
     Whole(ReferenceAttitude),
 }
@@ -37,7 +37,8 @@ impl ReferenceParts {
             return Ok(ReferenceParts { source: Source::Whole(whole), start_ns, end_ns: start_ns, is_end: true });
         }
         let table = TrialTable::new(name, CsvTable::new(name, rows)?, Gaps::OfAttitudes)?;
-        let mut parts = ReferenceParts { source: Source::Rows(table), start_ns: 0, end_ns: i64::MIN, is_end: false };
+        let mut parts =
+            ReferenceParts { source: Source::Rows(Box::new(table)), start_ns: 0, end_ns: i64::MIN, is_end: false };
         parts.start_ns = parts.read_to(i64::MIN)?.start_ns;
         Ok(parts)
     }
