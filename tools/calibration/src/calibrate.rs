@@ -107,7 +107,7 @@ pub fn calibrate(
     }
 }
 
-/// Calibrates with star and sun sensor, whose fixes the path of the gyros joins: it is laid with the parameters of the pass before.
+/// Calibrates with star and sun sensor. The path of the gyros joins the fixes: it is laid with the parameters of the pass before.
 fn with_sensors(
     configuration: &Configuration,
     counts: &AccumulatedCounts,
@@ -160,7 +160,7 @@ fn with_sensors(
     }
 }
 
-/// Solves observations of a recording that starts at `start_s` and whose times run backward at `runs_back_s`.
+/// Solves observations of a recording that starts at `start_s`; at `runs_back_s` its times run backward.
 fn solve_observations(
     (observations, mut left_out): (Vec<Observation>, Vec<ExcludedData>),
     walks: &[RandomWalks],
@@ -206,12 +206,12 @@ fn check_number(windows: usize) -> Result<(), CalibrateError> {
 /// A slew after a Y-scan that turns less than this about Y is the precaution before its second fix (Casteren §5.3).
 const SLEW_ABOUT_SUN_ARCSEC: f64 = ARCSEC_PER_DEG;
 
-/// The stretches between the fixes of the star sensor.
+/// The windows between the fixes of the star sensor.
 fn between_fixes(sensors: &AbsoluteData) -> Vec<ManoeuvreWindow> {
-    let stretch = |(index, [start_s, end_s]): (usize, [f64; 2])| {
+    let window = |(index, [start_s, end_s]): (usize, [f64; 2])| {
         ManoeuvreWindow::new(&format!("stretch {}", index + 1), start_s, end_s)
     };
-    sensors.between_fixes().enumerate().map(stretch).collect()
+    sensors.between_fixes().enumerate().map(window).collect()
 }
 
 /// The calibration manoeuvres of a list, a Y-scan up to the end of the slew about the sun vector that follows it.

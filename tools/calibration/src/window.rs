@@ -82,7 +82,7 @@ pub(crate) fn smoothed_rate_control_arcsec_s(counts: &AccumulatedCounts, transfe
     transfer.about_control_arcsec(turned, samples).map(|angle| angle / (SAMPLE_INTERVAL_S * samples))
 }
 
-/// Cuts a recording between two of its instants where the unit rests, by its counts, and at least every half hour. `before` is the number
+/// Cuts a recording between two of its instants where the unit rests, by its counts, and every half hour or more often. `before` is the number
 /// of windows before them.
 pub fn cut_at_rests(
     counts: &AccumulatedCounts,

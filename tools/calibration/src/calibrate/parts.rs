@@ -17,7 +17,7 @@ use crate::window::{ManoeuvreWindow, cut_at_rests};
 /// Observations without a list, at most: they are solved together, and their number is then the same for weeks as for days.
 const MAX_JOINED: usize = 200;
 
-/// The observations of a recording whose parts follow each other: the last node of one is the first of the next.
+/// The observations of a recording in parts that follow each other: the last node of one is the first of the next.
 pub struct CalibrationParts<'a> {
     configuration: &'a Configuration,
     /// Manoeuvres that are still to observe; `None` without a list.
@@ -204,14 +204,14 @@ fn join(observations: &mut Vec<Observation>, most: usize) {
             (pair[1].start_s - pair[0].end_s).abs() < 0.5 * SAMPLE_INTERVAL_S && one.eq(other)
         };
         let pairs = observations.windows(2).enumerate().filter(|(_, pair)| is_joint(pair));
-        let least = pairs.map(|(index, pair)| (index, lost(pair))).min_by(|(_, a), (_, b)| a.total_cmp(b));
-        let Some((index, _)) = least else { return };
+        let cheapest = pairs.map(|(index, pair)| (index, lost(pair))).min_by(|(_, a), (_, b)| a.total_cmp(b));
+        let Some((index, _)) = cheapest else { return };
         let later = observations.remove(index + 1);
         observations[index].join(later);
     }
 }
 
-/// What two equations lose as one: their information on scale factors, drifts and misalignments is the spread of the mean rates, here about the
+/// Loss of two equations that become one: their information on scale factors, drifts and misalignments is the spread of the mean rates, here about the
 /// mean of both, weighed by the lengths.
 fn lost(pair: &[Observation]) -> f64 {
     let [one, other] = [0, 1].map(|own| pair[own].samples);
@@ -247,7 +247,7 @@ mod tests {
         let (counts, reference) = recording();
         let measured = CompensatedCounts { counts: &counts, effects: None };
         let observe = |ends_s: &[f64]| {
-            let window = |pair: &[f64]| ManoeuvreWindow::new("stretch 1", pair[0], pair[1]);
+            let window = |pair: &[f64]| ManoeuvreWindow::new("scan", pair[0], pair[1]);
             let windows: Vec<_> = ends_s.windows(2).map(window).collect();
             with_reference(&measured, &windows, &reference, [0.5, 1.0, 2.0]).0
         };

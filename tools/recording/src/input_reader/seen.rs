@@ -6,7 +6,7 @@ use geu_protocol::hex::spaced_hex;
 use super::{Decode, MAX_EXCERPT};
 use crate::row::Sink;
 
-/// What is known of the records of a capture up to now.
+/// Records of a capture up to now.
 #[derive(Default)]
 pub struct Seen {
     pub remarks: u64,

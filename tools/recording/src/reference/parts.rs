@@ -72,7 +72,7 @@ impl ReferenceParts {
         }
     }
 
-    /// Reads the rest, whose rows are checked and not kept.
+    /// Reads the rest: its rows are checked and not kept.
     ///
     /// # Errors
     /// [`TableError`], with the line.

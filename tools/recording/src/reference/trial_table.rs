@@ -94,7 +94,7 @@ impl<R: Read> TrialTable<R> {
     }
 }
 
-/// True if the rows are those of one trial.
+/// True for rows of a single trial.
 fn is_single(gaps: Gaps) -> bool {
     !matches!(gaps, Gaps::All { .. })
 }
