@@ -20,7 +20,14 @@ fn diagnosed(
 }
 
 /// Exit code and JSON of the diagnosis of a drawn recording, with other effects.
-fn diagnosed_case(Case { plant, .. }: Case, effects: Vec<DeviceEffect>) -> (Option<i32>, Value) {
+fn diagnosed_case(case: Case, effects: Vec<DeviceEffect>) -> (Option<i32>, Value) {
+    let (output, json) = output(case, effects);
+    let text = json.unwrap_or_else(|| panic!("{}", String::from_utf8_lossy(&output.stderr)));
+    (output.status.code(), serde_json::from_str(&text).expect("JSON"))
+}
+
+/// Output and JSON, if there is one.
+fn output(Case { plant, .. }: Case, effects: Vec<DeviceEffect>) -> (Output, Option<String>) {
     let unit = plant.unit.clone();
     let recording = DevicePlant { effects, ..plant }.record(false);
     let folder = tempfile::tempdir().expect("a folder");
@@ -37,8 +44,7 @@ fn diagnosed_case(Case { plant, .. }: Case, effects: Vec<DeviceEffect>) -> (Opti
         .arg(&json)
         .output()
         .expect("geu starts");
-    let text = fs::read_to_string(&json).unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&output.stderr)));
-    (output.status.code(), serde_json::from_str(&text).expect("JSON"))
+    (output, fs::read_to_string(&json).ok())
 }
 
 /// Codes and gyros of the missing effects.
@@ -104,6 +110,20 @@ fn exchanged_and_inverted_heads_of_a_described_unit_are_named_and_corrected() {
     let (_, diagnosis) = diagnosed("stim300", 75, DeviceMotionKind::Hand, 900.0, inverted);
     assert_eq!(missing(&diagnosis), [("sign-inversion".to_owned(), vec!["Z".to_owned()])]);
     assert_eq!(diagnosis["verdict"], "explained");
+}
+
+#[test]
+fn a_reference_of_opposite_sign_is_refused() {
+    let case = || Case::drawn(&DeviceUnit::stim300(), Mix::Effects, 76, 0, Some(DeviceMotionKind::Hand), Some(900.0));
+    let (output, json) = output(case(), injected("sign-inversion", &[0, 1, 2], &[("on", 1.0)]));
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert_eq!((output.status.code(), json), (Some(2), None), "{message}");
+    assert!(
+        message.contains("the reference: expected the motion that the gyros measure, got the opposite: X, Y, Z"),
+        "{message}"
+    );
+    let (_, diagnosis) = diagnosed_case(case(), injected("sign-inversion", &[0, 1], &[("on", 1.0)]));
+    assert_eq!(missing(&diagnosis).len(), 2, "{diagnosis}");
 }
 
 /// A unit with a rate and a trial in each row of a table.

@@ -101,12 +101,16 @@ const MIN_REVERSED: usize = 3;
 pub fn reversed(compared: &CountComparison) -> Option<String> {
     let own = Gyro::ALL.map(|gyro| (gyro, Covariance::new(compared, gyro.index(), 1)));
     let moved = own.iter().filter(|(_, own)| own.is_determined() && own.predicted > MIN_MOTION_COUNTS.powi(2));
-    let moved: Vec<_> = moved.collect();
-    let is_reversed = |(_, own): &&(Gyro, Covariance)| {
-        (own.factor() + 1.0).abs() < MAX_SCALE_ERROR && 1.0 - own.explained() < MAX_UNEXPLAINED
-    };
-    let names: Vec<&str> = moved.iter().map(|(gyro, _)| gyro.name()).collect();
-    (moved.len() >= MIN_REVERSED && moved.iter().all(is_reversed)).then(|| {
+    opposite(moved.map(|(gyro, own)| {
+        let is_against = (own.factor() + 1.0).abs() < MAX_SCALE_ERROR && 1.0 - own.explained() < MAX_UNEXPLAINED;
+        (gyro.name(), is_against)
+    }))
+}
+
+/// What was got in place of the motion, if all gyros, of which each turns against it or not, do.
+pub fn opposite<'a>(gyros: impl Iterator<Item = (&'a str, bool)>) -> Option<String> {
+    let (names, are_against): (Vec<&str>, Vec<bool>) = gyros.unzip();
+    (names.len() >= MIN_REVERSED && !are_against.contains(&false)).then(|| {
         format!(
             "got the opposite: {} turn against it; reverse the signs of its rates or invert its quaternions, or, if the harness inverts every gyro, \
              configure sign-inversion of each",

@@ -15,7 +15,7 @@ use geu_protocol::{Gyro, Gyros};
 use geu_recording::ReferenceAttitude;
 use nalgebra::{MatrixXx3, Vector3};
 
-use crate::correlation::known_factor;
+use crate::correlation::{known_factor, opposite};
 use crate::follows::{EXPLAINED, FOLLOWS, Follows, MIN_WINDOWS};
 use crate::{Finding, WiringFault};
 
@@ -36,6 +36,8 @@ pub struct HeadCheck {
     pub counts: AccumulatedCounts,
     pub faults: Vec<WiringFault>,
     pub findings: Vec<Finding>,
+    /// What was got in place of the motion that the gyros measure: the opposite.
+    pub mismatch: Option<String>,
 }
 
 /// Values of single samples, see [`DeviceRecording`].
@@ -90,8 +92,13 @@ pub fn check_heads(
         let (from, to, gyros) = (0, counts.len(), counts.gyros.only(head));
         counts.breaks.push(Discontinuity { from, to, gyros, kind: BreakKind::Invalid });
     }
+    let mismatch = opposite(found.iter().enumerate().filter_map(|(head, own)| {
+        let own = own.as_ref()?;
+        let is_against = own.axis == head && own.factor < 0.0 && own.explained > EXPLAINED;
+        Some((configuration.device.heads[head].gyro.name(), is_against))
+    }));
     faults.extend(exchange(&mut counts, &by_own, configuration, &mut findings));
-    HeadCheck { counts, faults, findings }
+    HeadCheck { counts, faults, findings, mismatch }
 }
 
 /// Findings of the samples alone.

@@ -45,6 +45,9 @@ pub fn diagnose_device(
     recording.counts.correct_clock(aligned_ppm);
     recording.counts.leave_out_unknown(&reference.later(lag_s), &matrix);
     let mut checked = check_heads(recording, &nominal, &reference.later(lag_s));
+    if let Some(got) = checked.mismatch {
+        return Err(MeasuredError::Mismatch(got));
+    }
     let start_s = lag_s - raw.offset_s(reference);
     let mut trial_drifts = TrialDrifts::none(&reference.trials, start_s, raw.gyros);
     let mut accelerations = AccelerationDrifts::none(&raw, reference, lag_s);
