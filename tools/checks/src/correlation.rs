@@ -107,7 +107,7 @@ pub fn reversed(compared: &CountComparison) -> Option<String> {
     }))
 }
 
-/// What was got in place of the motion, if all gyros, of which each turns against it or not, do.
+/// Reason to refuse a motion: all gyros turn against it. Each has its name, and true if it does.
 pub fn opposite<'a>(gyros: impl Iterator<Item = (&'a str, bool)>) -> Option<String> {
     let (names, are_against): (Vec<&str>, Vec<bool>) = gyros.unzip();
     (names.len() >= MIN_REVERSED && !are_against.contains(&false)).then(|| {

@@ -36,7 +36,7 @@ pub struct HeadCheck {
     pub counts: AccumulatedCounts,
     pub faults: Vec<WiringFault>,
     pub findings: Vec<Finding>,
-    /// What was got in place of the motion that the gyros measure: the opposite.
+    /// Set if every head turns against the motion, which is then of opposite sign.
     pub mismatch: Option<String>,
 }
 
