@@ -187,7 +187,7 @@ fn disturbances(
                 push(ErrorSource::Systematic { name: slit, angle }, numbers.sse.slit_arcsec.powi(2), rotation);
             }
         }
-        push(ErrorSource::Reference { axis: 0, at_us }, cycle_variance, [sign, 0.0, 0.0]);
+        push(ErrorSource::LimitCycle { axis: 0, at_us }, cycle_variance, [sign, 0.0, 0.0]);
         // The gyros' own rounding at the fix is in the rebuilt limit cycle and in the path. That of X is in its counts as well
         // and cancels there; that of Z, which moves ψ, cancels between the two except for the even bend.
         let sin = libm::sin(station.point.theta_rad);

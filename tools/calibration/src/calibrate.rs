@@ -229,10 +229,7 @@ fn with_slew(
 ) -> ManoeuvreWindow {
     let (counts, mut window) = (measured.counts, window.clone());
     let node = |t_s: f64| Some(counts.at_node(counts.nearest(t_s - counts.start_s())?));
-    let is_slew = |next: &&ManoeuvreWindow| {
-        window.name == "y-scan" && next.name == "slew" && (next.start_s - window.end_s).abs() < 0.5
-    };
-    if let Some(slew) = next.filter(is_slew)
+    if let Some(slew) = next.filter(|next| next.is_slew_after(&window))
         && let (Some(from), Some(to)) = (node(slew.start_s), node(slew.end_s))
     {
         let counted = std::array::from_fn(|gyro| measured.between(gyro, &from, &to));

@@ -52,8 +52,6 @@ pub(crate) struct Evaluation<'a> {
 pub(crate) struct Observed {
     pub observations: Vec<Observation>,
     pub left_out: Vec<ExcludedData>,
-    /// Noise of the reference about each axis, arcsec; NaN for sensors.
-    pub reference_sigma_arcsec: [f64; 3],
     /// For the next pass, whose path they correct.
     pub effects: Option<EffectContribution>,
 }
@@ -108,15 +106,15 @@ impl<'a> Evaluation<'a> {
         let simulated =
             |steps: &dyn Fn() -> MotionSteps| EffectContribution::simulate(&self.configuration, counts, steps);
         let mut left_out = Vec::new();
-        let (effects, reference_sigma_arcsec, (observations, broken)) = match self.attitude {
+        let (effects, (observations, broken)) = match self.attitude {
             AttitudeSource::Reference(reference, sigma_arcsec) => {
-                let sigma_arcsec =
-                    sigma_arcsec.unwrap_or_else(|| reference_sigma_arcsec(counts, reference, &self.prior));
+                let estimated = || reference_sigma_arcsec(counts, reference, &self.prior).unwrap_or_default();
+                let sigma_arcsec = sigma_arcsec.unwrap_or_else(estimated);
                 let effects = simulated(&|| steps_of_reference(counts, reference));
                 let measured = CompensatedCounts { counts, effects: effects.as_ref() };
                 let windows = windows(&measured, &transfer, &mut left_out)?;
                 let observed = observe::with_reference(&measured, &windows, reference, sigma_arcsec);
-                (effects, sigma_arcsec, observed)
+                (effects, observed)
             }
             AttitudeSource::Sensors(sensors) => {
                 let path =
@@ -128,11 +126,11 @@ impl<'a> Evaluation<'a> {
                 let measured = CompensatedCounts { counts, effects: effects.as_ref() };
                 let windows = windows(&measured, &transfer, &mut left_out)?;
                 let observed = absolute::with_sensors(&measured, &windows, sensors, numbers, &self.walks, &path);
-                (effects, [f64::NAN; 3], observed)
+                (effects, observed)
             }
         };
         left_out.extend(broken);
-        Ok(Observed { observations, left_out, reference_sigma_arcsec, effects })
+        Ok(Observed { observations, left_out, effects })
     }
 }
 

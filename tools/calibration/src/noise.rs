@@ -77,8 +77,10 @@ impl RandomWalks {
 pub enum ErrorSource {
     /// Rounding of a gyro's accumulated angle at a node.
     Rounding { gyro: usize, node: usize },
-    /// The reference attitude about an axis at an instant, in µs.
-    Reference { axis: usize, at_us: i64 },
+    /// The reference attitude about an axis at a node.
+    Reference { axis: usize, node: usize },
+    /// The limit cycle about an axis at an instant, in µs.
+    LimitCycle { axis: usize, at_us: i64 },
     /// The turn of a row of the reference about an axis.
     Turn { axis: usize, row: usize },
     /// A star crossing a slit at an instant, in µs: its random error of ψ (0) or θ (1).

@@ -173,10 +173,10 @@ pub fn with_reference(
             }
         }
         for (axis, sigma_arcsec) in sigma_arcsec.into_iter().enumerate().filter(|(_, sigma)| *sigma > 0.0) {
-            for (t_s, sign) in ends_s.into_iter().zip([-1.0, 1.0]) {
+            for (node, sign) in [(from, -1.0), (to, 1.0)] {
                 let mut rotation = [0.0; 3];
                 rotation[axis] = sign;
-                let source = ErrorSource::Reference { axis, at_us: micros(t_s) };
+                let source = ErrorSource::Reference { axis, node };
                 observation.disturbances.push(ErrorTerm::of_rotation(source, sigma_arcsec * sigma_arcsec, rotation));
             }
         }
@@ -226,12 +226,13 @@ pub(crate) fn variance(squares: &mut [f64]) -> Option<f64> {
 }
 
 /// Estimates the white noise of a reference about each control axis, arcsec, from its second differences against the
-/// counts, in which motion, drift and scale factors cancel. Noise below 0.2″ over the rounding counts as 0.
+/// counts, in which motion, drift and scale factors cancel. Noise below 0.2″ over the rounding counts as 0. `None` if they have too little
+/// in common.
 pub fn reference_sigma_arcsec(
     counts: &AccumulatedCounts,
     reference: &ReferenceAttitude,
     calibrations: &[Calibration],
-) -> [f64; 3] {
+) -> Option<[f64; 3]> {
     let (truth, offset_s) = (&reference.truth, counts.offset_s(reference));
     let mut sigmas = [0.0; 3];
     for gyro in [Gyro::X, Gyro::Y, Gyro::ZA] {
@@ -246,9 +247,8 @@ pub fn reference_sigma_arcsec(
             .collect();
         let mut squares: Vec<f64> =
             difference.windows(3).filter_map(|of| Some((of[0]? - 2.0 * of[1]? + of[2]?).powi(2))).collect();
-        let Some(mean) = trimmed_mean(&mut squares) else { continue };
-        let variance = mean / (6.0 * TRIMMED) - ROUNDING_VARIANCE;
+        let variance = trimmed_mean(&mut squares)? / (6.0 * TRIMMED) - ROUNDING_VARIANCE;
         sigmas[axis] = if variance > 0.04 { variance.sqrt() } else { 0.0 };
     }
-    sigmas
+    Some(sigmas)
 }

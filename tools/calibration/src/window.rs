@@ -31,6 +31,11 @@ impl ManoeuvreWindow {
         ExcludedData { name: self.name.clone(), start_s: self.start_s, gyro, why }
     }
 
+    /// True for the slew about the sun vector that follows a Y-scan.
+    pub(crate) fn is_slew_after(&self, scan: &ManoeuvreWindow) -> bool {
+        scan.name == "y-scan" && self.name == "slew" && (self.start_s - scan.end_s).abs() < 0.5
+    }
+
     /// True for a precaution, which is no calibration manoeuvre.
     pub fn is_precaution(&self) -> bool {
         PRECAUTIONS.contains(&self.name.as_str())
@@ -71,7 +76,7 @@ pub(crate) const REST_ARCSEC_S: f64 = 4.0;
 const SMOOTHED: usize = 10;
 /// Maximum length of a window, so that scans without a rest still determine their drift.
 pub(crate) const LONGEST_SAMPLE_INTERVALS: usize = 3600;
-/// Minimum length of a window.
+/// Shorter windows are joined to the one before.
 const SHORTEST_SAMPLE_INTERVALS: usize = 120;
 
 /// Rate about the control axes around a node, smoothed over a period of the limit cycle, arcsec/s.

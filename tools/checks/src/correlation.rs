@@ -94,26 +94,35 @@ impl Covariance {
     }
 }
 
-/// Minimum number of gyros, on two axes, that turn against a motion of opposite sign.
+/// Number of gyros against which a motion is of opposite sign: fewer may be wrong themselves, or be all of one axis.
 const MIN_REVERSED: usize = 3;
 
-/// Finds that all gyros turn against the motion, which is then of opposite sign: that of several gyros is not wrong at once.
+/// Relation of a gyro to the motion.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Sense {
+    Follows,
+    Against,
+}
+
+/// Finds that the gyros turn against the motion, which is then of opposite sign.
 pub fn reversed(compared: &CountComparison) -> Option<String> {
-    let own = Gyro::ALL.map(|gyro| (gyro, Covariance::new(compared, gyro.index(), 1)));
-    let moved = own.iter().filter(|(_, own)| own.is_determined() && own.predicted > MIN_MOTION_COUNTS.powi(2));
-    opposite(moved.map(|(gyro, own)| {
+    opposite(Gyro::ALL.into_iter().filter_map(|gyro| {
+        let own = Covariance::new(compared, gyro.index(), 1);
+        let is_moved = own.predicted > MIN_MOTION_COUNTS.powi(2);
         let is_against = (own.factor() + 1.0).abs() < MAX_SCALE_ERROR && 1.0 - own.explained() < MAX_UNEXPLAINED;
-        (gyro.name(), is_against)
+        let follows = own.both > 0.0 && own.explained().sqrt() > MIN_CORRELATION;
+        let sense = if follows { Some(Sense::Follows) } else { (is_moved && is_against).then_some(Sense::Against) };
+        Some((gyro.name(), sense.filter(|_| own.is_determined())?))
     }))
 }
 
-/// Reason to refuse a motion: all gyros turn against it. Each has its name, and true if it does.
-pub fn opposite<'a>(gyros: impl Iterator<Item = (&'a str, bool)>) -> Option<String> {
-    let (names, are_against): (Vec<&str>, Vec<bool>) = gyros.unzip();
-    (names.len() >= MIN_REVERSED && !are_against.contains(&false)).then(|| {
+/// Reason to refuse a motion: several gyros turn against it and none follows.
+pub fn opposite<'a>(gyros: impl Iterator<Item = (&'a str, Sense)>) -> Option<String> {
+    let (names, senses): (Vec<&str>, Vec<Sense>) = gyros.unzip();
+    (names.len() >= MIN_REVERSED && !senses.contains(&Sense::Follows)).then(|| {
         format!(
-            "got the opposite: {} turn against it; reverse the signs of its rates or invert its quaternions, or, if the harness inverts every gyro, \
-             configure sign-inversion of each",
+            "got the opposite: {} turn against it; reverse the signs of its rates or invert its quaternions, also if it is the harness that inverts \
+             these gyros",
             names.join(", ")
         )
     })
@@ -130,7 +139,7 @@ pub fn wrong_units(compared: &mut CountComparison, findings: &mut FindingCollect
         };
         let likely = known_factor(factor.abs()).map_or(String::new(), |(_, name)| format!(", as by {name}"));
         let text = format!("counts are {factor:.6} times what the motion predicts{likely}");
-        wrong.push(format!("got {} of which the {text}; give both in the same unit", gyro.name()));
+        wrong.push(format!("got one in another unit: of {} the {text}; give both in the same unit", gyro.name()));
         findings.whole(Finding::UNIT_FACTOR, Some(gyro), text);
         compared.samples.iter_mut().for_each(|sample| sample.is_used[gyro.index()] = false);
     }

@@ -15,7 +15,7 @@ use geu_protocol::{Gyro, Gyros};
 use geu_recording::ReferenceAttitude;
 use nalgebra::{MatrixXx3, Vector3};
 
-use crate::correlation::{known_factor, opposite};
+use crate::correlation::{Sense, known_factor, opposite};
 use crate::follows::{EXPLAINED, FOLLOWS, Follows, MIN_WINDOWS};
 use crate::{Finding, WiringFault};
 
@@ -28,6 +28,8 @@ const NOISE_STEPS: f64 = 4.0;
 const CLIPPED_RUNS: usize = 2;
 /// Share of the nodes that may exceed a limit: outliers do.
 const EXCEEDED_SHARE: f64 = 1e-3;
+/// Cosine of the angle between input axes from which they are one: within 10 degrees.
+const ONE_AXIS: f64 = 0.985;
 /// Share of a recording with constant output from which its head is named.
 const NAMED_SHARE: f64 = 0.02;
 
@@ -93,10 +95,12 @@ pub fn check_heads(
         counts.breaks.push(Discontinuity { from, to, gyros, kind: BreakKind::Invalid });
     }
     let mismatch = opposite(found.iter().enumerate().filter_map(|(head, own)| {
-        let own = own.as_ref()?;
-        let is_against = own.axis == head && own.factor < 0.0 && own.explained > EXPLAINED;
-        Some((configuration.device.heads[head].gyro.name(), is_against))
+        let own = own.filter(|own| own.axis == head && own.explained > EXPLAINED)?;
+        let sense = if own.factor < 0.0 { Sense::Against } else { Sense::Follows };
+        Some((configuration.device.heads[head].gyro.name(), sense))
     }));
+    let is_of_one_axis = matrix.row_iter().all(|row| row.normalize().dot(&matrix.row(0).normalize()).abs() > ONE_AXIS);
+    let mismatch = mismatch.filter(|_| !is_of_one_axis);
     faults.extend(exchange(&mut counts, &by_own, configuration, &mut findings));
     HeadCheck { counts, faults, findings, mismatch }
 }

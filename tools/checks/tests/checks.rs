@@ -268,6 +268,17 @@ fn a_reference_of_opposite_sign_is_no_wiring_of_all_gyros() {
     let all = inverted(&[0, 1, 2, 3]);
     assert!(all.faults.is_empty(), "{:?}", all.faults);
     assert!(all.mismatch.is_some_and(|why| why.contains("GYRX, GYRY, GYRZA, GYRZB turn against it")));
+    // A gyro that stands still says nothing.
+    let mut rows = recording.rows.clone();
+    for row in &mut rows {
+        row.sample.increments = row.sample.increments.map(|count| -count);
+        row.sample.increments[3] = 0;
+    }
+    assert!(
+        check(&rows, &[], &unit, &recording.reference)
+            .mismatch
+            .is_some_and(|why| why.contains("GYRX, GYRY, GYRZA turn"))
+    );
     // One gyro that follows the motion shows that the others are inverted.
     let three = inverted(&[0, 1, 2]);
     assert_eq!((three.faults.len(), three.mismatch), (3, None));

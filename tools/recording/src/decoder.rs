@@ -168,15 +168,14 @@ impl Decoder {
                     *is_proven = true;
                     tally.row(row, index, is_chosen, choice, flow, sink);
                 }
-                Progress::Irregular => self.irregular(role, place, frame, sink),
+                Progress::Irregular => self.irregular(index, role, place, frame, sink),
             },
         }
     }
 
     /// Reads a frame that [`Assembler::advance`] found irregular.
     #[cold]
-    fn irregular(&mut self, role: Role, place: RecordPosition, frame: &Frame, sink: &mut impl Sink) {
-        let Some(index) = self.bus(frame.interface) else { return };
+    fn irregular(&mut self, index: usize, role: Role, place: RecordPosition, frame: &Frame, sink: &mut impl Sink) {
         let Decoder { buses, choice, flow, .. } = self;
         let Bus { assembler, tally, is_proven, .. } = &mut buses[index];
         let stamp = flow.stamp(place, frame.time);

@@ -6,28 +6,32 @@ use geu_model::sensor::SensorNumbers;
 use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_recording::ReferenceAttitude;
 
-use super::{CalibrateError, Calibrated, check_list, check_number, solve_observations, with_slews};
+use super::{CalibrateError, Calibrated, MAX_WINDOWS, check_list, check_number, solve_observations, with_slews};
 use crate::counts::AccumulatedCounts;
 use crate::evaluation::{AttitudeSource, Evaluation, Observed};
 use crate::noise::{ErrorSource, RandomWalks};
-use crate::observe::{ExcludedData, outside};
+use crate::observe::{ExcludedData, outside, reference_sigma_arcsec};
 use crate::solve::Observation;
 use crate::window::{ManoeuvreWindow, cut_at_rests};
 
 /// Observations without a list, at most: they are solved together, and their number is then the same for weeks as for days.
 const MAX_JOINED: usize = 200;
+/// Half a sample interval, s: the next node is nearer behind it.
+const HALF_S: f64 = 0.5 * SAMPLE_INTERVAL_S;
 
 /// The observations of a recording in parts that follow each other: the last node of one is the first of the next.
 pub struct CalibrationParts<'a> {
     configuration: &'a Configuration,
     /// Manoeuvres that are still to observe; `None` without a list.
     windows: Option<&'a [ManoeuvreWindow]>,
-    /// Noise of the reference about each axis, arcsec: the stated one, or that of the first part.
-    reference_sigma_arcsec: Option<[f64; 3]>,
+    /// Stated noise of the reference about each axis, arcsec.
+    stated_sigma_arcsec: Option<[f64; 3]>,
+    /// Sums of the variances of the reference, as estimated from each part, by samples, and the number of these samples.
+    variances: ([f64; 3], f64),
     observations: Vec<Observation>,
     left_out: Vec<ExcludedData>,
     /// Number of windows that the recording was cut into.
-    cut: usize,
+    windows_cut: usize,
     /// `None` before the first part.
     recording: Option<Recording>,
 }
@@ -35,8 +39,6 @@ pub struct CalibrationParts<'a> {
 /// The parts up to now.
 struct Recording {
     start_ns: i64,
-    /// Start of the reference of the first part, ns.
-    reference_start_ns: i64,
     nodes: usize,
     end_s: f64,
     runs_back_s: Option<f64>,
@@ -52,29 +54,31 @@ impl<'a> CalibrationParts<'a> {
     pub fn new(
         configuration: &'a Configuration,
         windows: Option<&'a [ManoeuvreWindow]>,
-        reference_sigma_arcsec: Option<[f64; 3]>,
+        stated_sigma_arcsec: Option<[f64; 3]>,
     ) -> Result<CalibrationParts<'a>, CalibrateError> {
         check_list(windows)?;
         check_number(windows.map_or(0, |all| all.iter().filter(|window| !window.is_precaution()).count()))?;
         Ok(CalibrationParts {
             configuration,
             windows,
-            reference_sigma_arcsec,
+            stated_sigma_arcsec,
+            variances: Default::default(),
             observations: Vec::new(),
             left_out: Vec::new(),
-            cut: 0,
+            windows_cut: 0,
             recording: None,
         })
     }
 
-    /// True if no manoeuvre is under way at an instant, s on the time scale of the list, so that a part may end there. A slew may follow a
-    /// Y-scan.
+    /// True if no manoeuvre is under way at an instant, s on the time scale of the list, so that a part may end there.
     pub fn may_end_at(&self, t_s: f64) -> bool {
-        let is_within = |window: &ManoeuvreWindow| {
-            let behind_s = if window.name == "y-scan" { SAMPLE_INTERVAL_S } else { 0.0 };
-            t_s > window.start_s + 0.5 * SAMPLE_INTERVAL_S && t_s < window.end_s - 0.5 * SAMPLE_INTERVAL_S + behind_s
+        let windows = self.windows.unwrap_or_default();
+        let is_within = |(index, window): (usize, &ManoeuvreWindow)| {
+            let slew = windows.get(index + 1).filter(|next| next.is_slew_after(window));
+            let end_s = slew.map_or(window.end_s, |slew| slew.end_s);
+            !window.is_precaution() && t_s > window.start_s + HALF_S && t_s < end_s - HALF_S
         };
-        !self.windows.unwrap_or_default().iter().take_while(|window| window.start_s < t_s).any(is_within)
+        !windows.iter().take_while(|window| window.start_s < t_s).enumerate().any(is_within)
     }
 
     /// Observes a part.
@@ -83,7 +87,7 @@ impl<'a> CalibrationParts<'a> {
     /// [`CalibrateError`].
     pub fn add(&mut self, counts: &AccumulatedCounts, reference: &ReferenceAttitude) -> Result<(), CalibrateError> {
         if let Some(before) = &mut self.recording {
-            if counts.start_s() < before.end_s - 0.5 * SAMPLE_INTERVAL_S {
+            if counts.start_s() <= before.end_s - SAMPLE_INTERVAL_S {
                 before.runs_back_s.get_or_insert(before.end_s);
             }
             // The end of a recording may be too short for a window.
@@ -91,40 +95,45 @@ impl<'a> CalibrationParts<'a> {
                 return Ok(());
             }
         }
-        let attitude = AttitudeSource::Reference(reference, self.reference_sigma_arcsec);
+        // The noise is known once all parts are.
+        let attitude = AttitudeSource::Reference(reference, Some([1.0; 3]));
         let evaluation = Evaluation::new(self.configuration, counts, &attitude)?;
         let counts = &*evaluation.counts;
         let end_s = counts.start_s() + counts.end_s();
-        let taken = |own: &[ManoeuvreWindow]| own.partition_point(|own| own.start_s < end_s - 0.5 * SAMPLE_INTERVAL_S);
+        let taken = |own: &[ManoeuvreWindow]| own.partition_point(|own| own.start_s < end_s - HALF_S);
         let windows = self.windows.as_mut().map(|all| {
             let (own, later) = all.split_at(taken(all));
             *all = later;
             own
         });
-        let (offset_s, cut) = (counts.offset_s(reference), &mut self.cut);
-        let Observed { mut observations, left_out, reference_sigma_arcsec, .. } =
+        let (offset_s, windows_cut) = (counts.offset_s(reference), &mut self.windows_cut);
+        let Observed { mut observations, left_out, .. } =
             evaluation.observe(&evaluation.prior, &SensorNumbers::default(), None, |measured, transfer, _| {
                 let Some(windows) = windows else {
                     let ends_s = [reference.truth.start_s(), reference.truth.end_s()].map(|t_s| t_s - offset_s);
-                    let windows = cut_at_rests(counts, transfer, ends_s, *cut);
-                    *cut += windows.len();
+                    let windows = cut_at_rests(counts, transfer, ends_s, *windows_cut);
+                    *windows_cut += windows.len();
                     return Ok(windows);
                 };
                 Ok(with_slews(measured, windows, transfer))
             })?;
-        self.reference_sigma_arcsec = Some(reference_sigma_arcsec);
+        if self.stated_sigma_arcsec.is_none()
+            && let Some(sigma_arcsec) = reference_sigma_arcsec(counts, reference, &evaluation.prior)
+        {
+            let (sums, samples) = &mut self.variances;
+            sums.iter_mut().zip(sigma_arcsec).for_each(|(sum, sigma)| *sum += counts.len() as f64 * sigma * sigma);
+            *samples += counts.len() as f64;
+        }
         let before = self.recording.get_or_insert_with(|| Recording {
             start_ns: counts.start_ns,
-            reference_start_ns: reference.start_ns,
             nodes: 0,
             end_s,
             runs_back_s: None,
             prior: evaluation.prior.clone(),
             walks: evaluation.walks.clone(),
         });
-        let later_s = (counts.start_ns - before.start_ns) as f64 * 1e-9;
-        let reference_later_us = (reference.start_ns - before.reference_start_ns) / 1000;
-        observations.iter_mut().for_each(|own| own.move_later(later_s, before.nodes, reference_later_us));
+        let later_s = counts.start_ns.saturating_sub(before.start_ns) as f64 * 1e-9;
+        observations.iter_mut().for_each(|own| own.move_later(later_s, before.nodes));
         before.nodes += counts.len();
         (before.end_s, before.runs_back_s) = (end_s, counts.runs_back_s);
         self.observations.append(&mut observations);
@@ -140,39 +149,61 @@ impl<'a> CalibrationParts<'a> {
     /// # Errors
     /// [`CalibrateError`]: the cause, and the data that were not used.
     pub fn finish(mut self) -> Result<Calibrated, CalibrateError> {
-        let Some(Recording { start_ns, end_s, runs_back_s, prior, walks, .. }) = self.recording else {
+        let Some(Recording { start_ns, end_s, runs_back_s, prior, walks, .. }) = self.recording.take() else {
             return Err(CalibrateError::TooShort(0));
         };
-        check_number(self.observations.len())?;
         let start_s = start_ns as f64 * 1e-9;
         for window in self.windows.unwrap_or_default().iter().filter(|window| !window.is_precaution()) {
             self.left_out.push(window.excluded(None, outside([start_s, end_s], window)));
         }
+        self.leave_out_shortest(start_s);
+        let (sums, samples) = self.variances;
+        let estimated = || sums.map(|sum| (sum / samples.max(1.0)).sqrt());
+        let reference_sigma_arcsec = self.stated_sigma_arcsec.unwrap_or_else(estimated);
+        self.observations.iter_mut().for_each(|own| own.set_reference_sigma(reference_sigma_arcsec));
         let data = (self.observations, self.left_out);
-        let reference_sigma_arcsec = self.reference_sigma_arcsec.unwrap_or_default();
         let calibrated = solve_observations(data, &walks, &prior, (start_s, runs_back_s))?;
         Ok(Calibrated { reference_sigma_arcsec, ..calibrated })
+    }
+
+    /// Leaves out the shortest observations if breaks separate too many, so that the others can be solved together.
+    fn leave_out_shortest(&mut self, start_s: f64) {
+        while self.observations.len() > MAX_WINDOWS {
+            let lengths = self.observations.iter().enumerate().map(|(index, own)| (index, own.samples));
+            let shortest = lengths.min_by(|(_, a), (_, b)| a.total_cmp(b)).map_or(0, |(index, _)| index);
+            let Observation { name, start_s: later_s, .. } = self.observations.remove(shortest);
+            let why = format!("it is shorter than {MAX_WINDOWS} others, which can be solved together");
+            self.left_out.push(ExcludedData { name, start_s: start_s + later_s, gyro: None, why });
+        }
     }
 }
 
 impl Observation {
     /// Moves an observation of a part to its place in the recording.
-    fn move_later(&mut self, later_s: f64, nodes: usize, reference_later_us: i64) {
+    fn move_later(&mut self, later_s: f64, nodes: usize) {
         self.start_s += later_s;
         self.end_s += later_s;
-        let [offset, clock] = &mut self.timing_control_arcsec;
-        clock.iter_mut().zip(offset).for_each(|(clock, offset)| *clock += later_s * *offset);
         for term in &mut self.disturbances {
-            match &mut term.source {
-                ErrorSource::Rounding { node, .. } => *node += nodes,
-                ErrorSource::Reference { at_us, .. } => *at_us += reference_later_us,
-                _ => {}
+            if let ErrorSource::Rounding { node, .. } | ErrorSource::Reference { node, .. } = &mut term.source {
+                *node += nodes;
             }
         }
     }
 
+    /// Sets the noise of the reference about each axis, arcsec.
+    fn set_reference_sigma(&mut self, sigma_arcsec: [f64; 3]) {
+        for term in &mut self.disturbances {
+            if let ErrorSource::Reference { axis, .. } = term.source {
+                term.variance = sigma_arcsec[axis] * sigma_arcsec[axis];
+            }
+        }
+        self.disturbances.retain(|term| term.variance > 0.0);
+    }
+
     /// Adds the observation that follows. What an error adds to the end of one it takes from the start of the other.
     fn join(&mut self, later: Observation) {
+        let number = later.name.rsplit([' ', '…']).next().unwrap_or_default();
+        self.name = format!("{}…{number}", self.name.split('…').next().unwrap_or_default());
         self.end_s = later.end_s;
         self.samples += later.samples;
         for (own, later) in self.counts.iter_mut().zip(later.counts) {
@@ -180,7 +211,6 @@ impl Observation {
         }
         let add = |own: &mut [f64], later: &[f64]| own.iter_mut().zip(later).for_each(|(own, later)| *own += later);
         add(&mut self.rotation_control_arcsec, &later.rotation_control_arcsec);
-        add(self.timing_control_arcsec.as_flattened_mut(), later.timing_control_arcsec.as_flattened());
         for term in later.disturbances {
             match self.disturbances.iter_mut().find(|own| own.source == term.source) {
                 Some(own) => {
@@ -201,10 +231,11 @@ fn join(observations: &mut Vec<Observation>, most: usize) {
     while observations.len() > most {
         let is_joint = |pair: &[Observation]| {
             let [one, other] = [0, 1].map(|own| pair[own].counts.iter().map(Option::is_some));
-            (pair[1].start_s - pair[0].end_s).abs() < 0.5 * SAMPLE_INTERVAL_S && one.eq(other)
+            (pair[1].start_s - pair[0].end_s).abs() < HALF_S && one.eq(other)
         };
         let pairs = observations.windows(2).enumerate().filter(|(_, pair)| is_joint(pair));
-        let cheapest = pairs.map(|(index, pair)| (index, lost(pair))).min_by(|(_, a), (_, b)| a.total_cmp(b));
+        let cheapest =
+            pairs.map(|(index, pair)| (index, information_lost(pair))).min_by(|(_, a), (_, b)| a.total_cmp(b));
         let Some((index, _)) = cheapest else { return };
         let later = observations.remove(index + 1);
         observations[index].join(later);
@@ -213,7 +244,7 @@ fn join(observations: &mut Vec<Observation>, most: usize) {
 
 /// Loss of two equations that become one: their information on scale factors, drifts and misalignments is the spread of the mean rates, here about the
 /// mean of both, weighed by the lengths.
-fn lost(pair: &[Observation]) -> f64 {
+fn information_lost(pair: &[Observation]) -> f64 {
     let [one, other] = [0, 1].map(|own| pair[own].samples);
     let rate = |own: usize, axis: usize| pair[own].rotation_control_arcsec[axis] / pair[own].samples;
     one * other / (one + other) * (0..3).map(|axis| (rate(0, axis) - rate(1, axis)).powi(2)).sum::<f64>()
@@ -261,9 +292,9 @@ mod tests {
         };
         assert_eq!(sorted(&joined[0]), sorted(&whole[0]));
         let numbers = |own: &Observation| {
-            let timing = own.timing_control_arcsec.as_flattened().iter().copied();
             let counts = own.counts.iter().copied().flatten();
-            [own.start_s, own.end_s, own.samples].into_iter().chain(counts).chain(timing).collect::<Vec<_>>()
+            let rotation = own.rotation_control_arcsec;
+            [own.start_s, own.end_s, own.samples].into_iter().chain(counts).chain(rotation).collect::<Vec<_>>()
         };
         for (own, of_whole) in numbers(&joined[0]).into_iter().zip(numbers(&whole[0])) {
             assert!((own - of_whole).abs() < 1e-6, "{own} in place of {of_whole}");
@@ -299,7 +330,7 @@ mod tests {
     fn what_comes_behind_a_time_that_runs_backward_is_left_out() {
         let (unit, (counts, reference)) = (Configuration::reference(), recording());
         let mut parts = CalibrationParts::new(&unit, None, Some([0.0; 3])).expect("no list");
-        for later_s in [0, 200, 150, 400] {
+        for later_s in [0, 200, 399, 600] {
             let own = AccumulatedCounts { start_ns: later_s * 1_000_000_000, ..counts.clone() };
             let reference = ReferenceAttitude { start_ns: own.start_ns, ..reference.clone() };
             parts.add(&own, &reference).expect("a part");
@@ -323,8 +354,9 @@ mod tests {
         let list = list.map(|(name, start_s, end_s)| ManoeuvreWindow::new(name, start_s, end_s));
         let parts = CalibrationParts::new(&unit, Some(&list), None).expect("manoeuvres");
         let ends: Vec<_> = (0..=700).map(|half| f64::from(half) * 0.5).filter(|t_s| parts.may_end_at(*t_s)).collect();
-        let after = (600..=700).map(|half| f64::from(half) * 0.5);
-        assert_eq!(ends, [0.0, 100.0, 230.0].into_iter().chain(after).collect::<Vec<_>>());
+        // From the end of the slew on there are but precautions.
+        let after = (460..=700).map(|half| f64::from(half) * 0.5);
+        assert_eq!(ends, [0.0, 100.0].into_iter().chain(after).collect::<Vec<_>>());
         assert!(CalibrationParts::new(&unit, None, None).expect("no list").may_end_at(7.0));
     }
 }

@@ -1,7 +1,10 @@
 //! Reads [`AccumulatedCounts`] from the rows of a decoder.
 
+#[cfg(test)]
+mod tests;
+
 use geu_model::device::MAX_HEADS;
-use geu_model::units::SAMPLE_INTERVAL_NS;
+use geu_model::units::{SAMPLE_INTERVAL_NS, SAMPLE_INTERVAL_S};
 use geu_protocol::Gyros;
 use geu_protocol::continuity::{Continuity, MAX_MISSING, SequenceStep};
 use geu_recording::{Defect, ReceivedSample, Sink};
@@ -12,6 +15,8 @@ use super::{AccumulatedCounts, BreakKind, Discontinuity, increments, unusable};
 const TIMING_S: f64 = 300.0;
 /// A receive time this far from the averaged course is a clock jump.
 const TIME_JUMP_S: f64 = 0.1;
+/// Receive times without a late one or a jump before the end of a part.
+const REGULAR: usize = 3;
 
 /// Accumulates the counts of decoded rows.
 #[derive(Debug)]
@@ -20,12 +25,14 @@ pub struct CountsReader {
     nodes: NodeReader,
     missing: u64,
     defects: u64,
+    /// End of the part before, ns.
+    part_end_ns: Option<i64>,
 }
 
 impl Default for CountsReader {
     fn default() -> CountsReader {
         let nodes = NodeReader::new(AccumulatedCounts::starting_at(0));
-        CountsReader { continuity: Continuity::default(), nodes, missing: 0, defects: 0 }
+        CountsReader { continuity: Continuity::default(), nodes, missing: 0, defects: 0, part_end_ns: None }
     }
 }
 
@@ -74,10 +81,37 @@ impl CountsReader {
         self.nodes.node
     }
 
+    /// Time of the last sample by the receive times before, ns. `None` without times, and if the last few are late or jump, where no
+    /// part should end.
+    pub fn last_ns(&self, clock_start_ns: i64) -> Option<i64> {
+        let times = &self.nodes.times;
+        let (node, _, is_received) = *times.last()?;
+        let recent =
+            times.iter().rev().take((TIMING_S / SAMPLE_INTERVAL_S) as usize).filter(|time| time.2 == is_received);
+        let departures_ns: Vec<i64> =
+            recent.map(|(node, t_ns, _)| t_ns.saturating_sub(*node as i64 * SAMPLE_INTERVAL_NS)).collect();
+        let median_ns = *departures_ns.clone().select_nth_unstable(departures_ns.len() / 2).1;
+        let is_regular = |departure_ns: &i64| departure_ns.abs_diff(median_ns) as f64 * 1e-9 < TIME_JUMP_S;
+        let zero_ns = if is_received { 0 } else { clock_start_ns };
+        let last_ns = || median_ns.saturating_add(node as i64 * SAMPLE_INTERVAL_NS).saturating_add(zero_ns);
+        departures_ns.iter().take(REGULAR).all(is_regular).then(last_ns)
+    }
+
     /// Ends a part; the next one starts at its last node. See [`CountsReader::finish`].
     pub fn end_part(&mut self, clock_start_ns: i64) -> Option<AccumulatedCounts> {
         let next = NodeReader::new(AccumulatedCounts::starting_at(0));
-        std::mem::replace(&mut self.nodes, next).finish(clock_start_ns)
+        self.missing = 0;
+        let mut part = std::mem::replace(&mut self.nodes, next).finish(clock_start_ns)?;
+        // Both parts have one time of the node that they share, unless times jump there.
+        if let Some(before_ns) =
+            self.part_end_ns.filter(|end_ns| (part.start_ns - end_ns).abs() < SAMPLE_INTERVAL_NS / 2)
+        {
+            let later_s = (part.start_ns - before_ns) as f64 * 1e-9;
+            part.node_s.iter_mut().skip(1).for_each(|node_s| *node_s += later_s);
+            part.start_ns = before_ns;
+        }
+        self.part_end_ns = Some(part.start_ns.saturating_add((part.end_s() * 1e9).round() as i64));
+        Some(part)
     }
 
     /// Returns the counts; `None` without a row. `clock_start_ns` is the time at which the unit's clock was 0, for
@@ -248,9 +282,10 @@ fn course(departures: &[(usize, f64)], averaged: usize) -> (impl Fn(f64) -> f64 
     let (mut parts, mut jumps, mut start) = (vec![], vec![], 0);
     for index in 1..departures.len() {
         let ((before, from_s), (now, to_s)) = (departures[index - 1], departures[index]);
-        // A single late stamp is no jump.
-        let stays = departures.get(index + 1).is_none_or(|next| (next.1 - to_s).abs() < TIME_JUMP_S);
-        if (to_s - from_s).abs() > TIME_JUMP_S && stays {
+        // A single late stamp is no jump, nor is the return from it, nor one at an end.
+        let stays = departures.get(index + 1).is_some_and(|next| (next.1 - to_s).abs() < TIME_JUMP_S);
+        let is_other = |before: &(usize, f64)| (to_s - before.1).abs() > TIME_JUMP_S;
+        if stays && (to_s - from_s).abs() > TIME_JUMP_S && index > 1 && is_other(&departures[index - 2]) {
             parts.push(knots(&departures[start..index], averaged));
             jumps.push((before, now));
             start = index;
@@ -283,107 +318,4 @@ fn knots(points: &[(usize, f64)], averaged: usize) -> Vec<(f64, f64)> {
             (points.iter().map(|point| point.0 as f64).sum::<f64>() / points.len() as f64, median_s)
         })
         .collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    use geu_model::units::ARCSEC_PER_RAD;
-    use geu_protocol::capture::Timestamp;
-    use geu_protocol::{CLOCK_PER_SAMPLE, Sample};
-    use nalgebra::{UnitQuaternion, Vector3};
-
-    #[test]
-    fn the_times_count_from_the_first_that_was_received() {
-        let start_ns = 1_790_000_000_000_000_000;
-        let mut reader = NodeReader::new(AccumulatedCounts::starting_at(0));
-        for sample in 1..=5 {
-            // The first sample has the time of the unit's clock alone.
-            let is_received = sample > 1;
-            let t_ns = sample * SAMPLE_INTERVAL_NS + if is_received { start_ns } else { 0 };
-            reader.push(1, None, &[0.0; 4], 20.0, None, Some((t_ns, is_received)));
-        }
-        let counts = reader.finish(0).expect("counts");
-        assert_eq!((counts.start_ns, counts.is_received), (start_ns, true));
-        assert_eq!(counts.node_s, [0.0, 0.5, 1.0, 1.5, 2.0, 2.5]);
-        assert_eq!(counts.received_late_s, [(2, 0.0), (3, 0.0), (4, 0.0), (5, 0.0)]);
-    }
-
-    #[test]
-    fn parts_of_a_recording_follow_each_other() {
-        let row = |number: u64| {
-            let sample = Sample {
-                sequence: number as u16,
-                increments: [number as i16 % 100, -3, 5, 7],
-                gyro_flags: 0x0F,
-                clock_count: (number + 1) * CLOCK_PER_SAMPLE,
-                ..Sample::default()
-            };
-            let time = Timestamp { t_ns: (number as i64 + 1) * SAMPLE_INTERVAL_NS, digits: 6 };
-            ReceivedSample { time: Some(time), is_received: true, sample, has_clock: true }
-        };
-        // Samples 390 to 399 are missing, and 400 is the first of a part.
-        let rows = || (0..1000).filter(|number| !(390..400).contains(number)).map(row);
-        let mut whole = CountsReader::default();
-        rows().for_each(|row| whole.row(&row));
-        let whole = whole.finish(0).expect("counts");
-        let (mut reader, mut parts) = (CountsReader::default(), Vec::new());
-        for row in rows() {
-            reader.row(&row);
-            if [389, 700].contains(&row.sample.sequence) {
-                parts.push(reader.end_part(0).expect("a part"));
-                assert_eq!(reader.samples(), 0);
-            }
-        }
-        parts.extend(reader.finish(0));
-        let mut first = 0;
-        for part in &parts {
-            assert_eq!(part.start_ns, whole.start_ns + (whole.node_s[first] * 1e9).round() as i64);
-            for node in 0..=part.len() {
-                for gyro in 0..4 {
-                    let of_whole = whole.accumulated[gyro][first + node] - whole.accumulated[gyro][first];
-                    assert_eq!(part.accumulated[gyro][node], of_whole);
-                }
-                assert!((part.node_s[node] - (whole.node_s[first + node] - whole.node_s[first])).abs() < 1e-9);
-            }
-            first += part.len();
-        }
-        assert_eq!(first, whole.len());
-        let broken = |counts: &AccumulatedCounts| counts.breaks.iter().map(|own| own.to - own.from).collect::<Vec<_>>();
-        assert_eq!(parts.iter().map(broken).collect::<Vec<_>>(), [vec![], vec![11], vec![]]);
-        assert_eq!(broken(&whole), [11]);
-    }
-
-    #[test]
-    fn the_sum_of_a_node_and_its_coning_are_the_turn_of_its_samples() {
-        // A cone of 10 degrees twice a second, at 1000 samples a second.
-        let turn = |sample: i32| {
-            let angle = std::f64::consts::TAU * 2e-3 * f64::from(sample);
-            Vector3::new(angle.cos(), angle.sin(), 0.1) * (0.175 * std::f64::consts::TAU * 2e-3)
-        };
-        let mut reader = NodeReader::new(AccumulatedCounts::of_unit(Gyros::ALL, 1e-3, 0));
-        let mut turned = vec![UnitQuaternion::identity()];
-        for sample in 0..1024 {
-            let arcsec = turn(sample) * ARCSEC_PER_RAD;
-            reader.push(1, None, &[arcsec.x, arcsec.y, arcsec.z, 0.0], 20.0, None, None);
-            reader.push_coning(&[[0.0; 4]; 4].map(Vec::from));
-            turned.push(turned[turned.len() - 1] * UnitQuaternion::from_scaled_axis(turn(sample)));
-        }
-        // Nodes of 64 samples.
-        (0..6).for_each(|_| reader.halve());
-        let counts = &reader.counts;
-        let error = |has_coning: bool| {
-            let mut attitude = UnitQuaternion::identity();
-            for node in 1..counts.node_s.len() {
-                let sum =
-                    Vector3::from_fn(|axis, _| counts.accumulated[axis][node] - counts.accumulated[axis][node - 1]);
-                let pair = |one: usize, other: usize| counts.coning[one][other][node] / ARCSEC_PER_RAD;
-                let coning = Vector3::new(pair(1, 2), pair(2, 0), pair(0, 1)) * f64::from(u8::from(has_coning));
-                attitude *= UnitQuaternion::from_scaled_axis((sum + coning) / ARCSEC_PER_RAD);
-            }
-            attitude.angle_to(&turned[1024]) * ARCSEC_PER_RAD
-        };
-        assert!(error(false) > 3000.0 && error(true) < 30.0, "{} {}", error(false), error(true));
-    }
 }

@@ -13,9 +13,6 @@ use crate::text::open_rows;
 pub struct ReferenceParts {
     source: Source,
     start_ns: i64,
-    /// End of the rows that were read, ns.
-    end_ns: i64,
-    is_end: bool,
 }
 
 enum Source {
@@ -34,13 +31,11 @@ impl ReferenceParts {
         if is_ephemeris(name, &mut rows)? {
             let whole = aem::parse(name, rows.lines())?;
             let start_ns = whole.start_ns;
-            return Ok(ReferenceParts { source: Source::Whole(whole), start_ns, end_ns: start_ns, is_end: true });
+            return Ok(ReferenceParts { source: Source::Whole(whole), start_ns });
         }
-        let table = TrialTable::new(name, CsvTable::new(name, rows)?, Gaps::OfAttitudes)?;
-        let mut parts =
-            ReferenceParts { source: Source::Rows(Box::new(table)), start_ns: 0, end_ns: i64::MIN, is_end: false };
-        parts.start_ns = parts.read_to(i64::MIN)?.start_ns;
-        Ok(parts)
+        let mut table = TrialTable::new(name, CsvTable::new(name, rows)?, Gaps::OfAttitudes)?;
+        let start_ns = table.start_ns()?;
+        Ok(ReferenceParts { source: Source::Rows(Box::new(table)), start_ns })
     }
 
     /// Start of the first row's interval on the file's time scale, ns.
@@ -62,12 +57,7 @@ impl ReferenceParts {
     /// [`TableError`], with the line.
     pub fn read_to(&mut self, end_ns: i64) -> Result<ReferenceAttitude, TableError> {
         match &mut self.source {
-            Source::Rows(table) => {
-                let (part, is_end) = table.read_to(end_ns)?;
-                self.end_ns = part.start_ns.saturating_add((part.truth.end_s() * 1e9) as i64);
-                self.is_end = is_end;
-                Ok(part)
-            }
+            Source::Rows(table) => table.read_to(end_ns),
             Source::Whole(whole) => Ok(whole.clone()),
         }
     }
@@ -76,10 +66,10 @@ impl ReferenceParts {
     ///
     /// # Errors
     /// [`TableError`], with the line.
-    pub fn finish(mut self) -> Result<(), TableError> {
-        while !self.is_end {
-            self.read_to(self.end_ns)?;
+    pub fn finish(self) -> Result<(), TableError> {
+        match self.source {
+            Source::Rows(table) => table.finish(),
+            Source::Whole(_) => Ok(()),
         }
-        Ok(())
     }
 }

@@ -46,7 +46,7 @@ impl TrialRows {
     }
 
     /// A copy without the rows before this one.
-    pub fn from(&self, first: usize) -> TrialRows {
+    pub fn without_first(&self, first: usize) -> TrialRows {
         fn later<T: Copy>(all: &[T], first: usize) -> Vec<T> {
             all.get(first..).unwrap_or_default().to_vec()
         }
