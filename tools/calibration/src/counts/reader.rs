@@ -104,7 +104,7 @@ impl CountsReader {
         let mut part = std::mem::replace(&mut self.nodes, next).finish(clock_start_ns)?;
         // Both parts have one time of the node that they share, unless times jump there.
         if let Some(before_ns) =
-            self.part_end_ns.filter(|end_ns| (part.start_ns - end_ns).abs() < SAMPLE_INTERVAL_NS / 2)
+            self.part_end_ns.filter(|end_ns| part.start_ns.abs_diff(*end_ns) < SAMPLE_INTERVAL_NS as u64 / 2)
         {
             let later_s = (part.start_ns - before_ns) as f64 * 1e-9;
             part.node_s.iter_mut().skip(1).for_each(|node_s| *node_s += later_s);
