@@ -1,11 +1,15 @@
 //! Products of the time courses of one signature with the null recordings.
 //!
 //! Steps and courses that decay are sums from their onset to the end, in which the value of each block is that of the block before times a
-//! constant: one pass from the end gives the sums of all onsets.
+//! constant: one pass from the end gives the sums of all onsets and constants.
+//!
+//! Each value of a recording has a lane of its own, so that the results are the same with vectors of any width.
 
 use std::borrow::Cow;
 use std::cmp::Reverse;
 use std::collections::HashMap;
+
+use multiversion::multiversion;
 
 use crate::course_list::CourseList;
 use crate::course_products::of_value;
@@ -26,6 +30,7 @@ const LANES: usize = 32;
 
 /// A value for each null recording.
 pub type OfRuns = [f32; RUNS];
+const NONE: OfRuns = [0.0; RUNS];
 
 /// Null recordings on one channel, by block, with zeros after the last one.
 pub struct NullChannel {
@@ -37,7 +42,7 @@ pub struct NullChannel {
 
 /// These recordings, of which there are [`RUNS`], on each channel.
 pub fn null_channels(normal: &NormalEquations, drawn: Vec<Series>) -> [NullChannel; CHANNELS] {
-    let none = || vec![[0.0; RUNS]; drawn[0][0].len() + 1];
+    let none = || vec![NONE; drawn[0][0].len() + 1];
     let mut channels = std::array::from_fn(|_| NullChannel { white: none(), derivatives: none() });
     let put = |all: &mut [OfRuns], run: usize, values: &[f64]| {
         all.iter_mut().zip(values).for_each(|(runs, value)| runs[run] = *value as f32);
@@ -80,16 +85,7 @@ impl<'a> NullProducts<'a> {
         let (kept_tails, kept_others) = Default::default();
         let mut products = NullProducts { bank, base, list, channels, tails: kept_tails, others: kept_others };
         for channel in (0..CHANNELS).filter(|&channel| base.reaches(channel)) {
-            for same in tails.chunk_by(|one, other| one.0 == other.0) {
-                let (mut done, mut sums) = (bank.block_count(), [0.0; RUNS]);
-                for &(decay, from) in same {
-                    for block in (from..done).rev() {
-                        products.add(channel, block, 1.0, f64::from_bits(decay), &mut sums);
-                    }
-                    done = done.min(from);
-                    products.tails[channel].insert((decay, from), sums);
-                }
-            }
+            products.tails[channel] = products.tails(channel, &tails);
             for places in others.chunks(COURSES_AT_ONCE) {
                 let of_others = products.sums(channel, places);
                 products.others[channel].extend(places.iter().copied().zip(of_others));
@@ -110,10 +106,17 @@ impl<'a> NullProducts<'a> {
             let size = last.first().map_or(0.0, |size| *size as f32);
             let mut sums = self.tails[channel][&key];
             sums.iter_mut().for_each(|sum| *sum *= size);
-            first.iter().zip(from..).for_each(|(value, block)| self.add(channel, block, *value, 1.0, &mut sums));
+            for (value, block) in first.iter().zip(from..) {
+                add_decayed(&mut sums, 1.0, &self.of_block(channel, block, *value));
+            }
             return sums;
         }
-        white.map_or([0.0; RUNS], |white| product(&white.values, &self.channels[channel].white[white.from..]))
+        let mut sums = NONE;
+        if let Some(white) = white {
+            let values: Vec<f32> = white.values.iter().map(|value| *value as f32).collect();
+            add_products(&mut sums, &values, &self.channels[channel].white[white.from..]);
+        }
+        sums
     }
 
     /// Products of the courses at these places on a channel.
@@ -124,7 +127,7 @@ impl<'a> NullProducts<'a> {
         };
         let courses: Vec<_> = places.iter().map(course).collect();
         let derivatives = &self.channels[channel].derivatives;
-        let mut sums = vec![[0.0; RUNS]; places.len()];
+        let mut sums = vec![NONE; places.len()];
         for first in (0..self.bank.block_count()).step_by(AT_ONCE) {
             let blocks = first..self.bank.block_count().min(first + AT_ONCE);
             let later = derivatives[first + 1..].iter();
@@ -146,39 +149,63 @@ impl<'a> NullProducts<'a> {
                 if sizes.iter().all(|size| *size == 0.0) {
                     continue;
                 }
-                for (lanes, sums) in sums.chunks_exact_mut(LANES).enumerate() {
-                    let mut own: [f32; LANES] = std::array::from_fn(|lane| sums[lane]);
-                    for (size, runs) in sizes.iter().zip(derivatives.iter()) {
-                        let runs = &runs[lanes * LANES..][..LANES];
-                        own.iter_mut().zip(runs).for_each(|(sum, run)| *sum += size * run);
-                    }
-                    sums.copy_from_slice(&own);
-                }
+                add_products(sums, &sizes, &derivatives);
             }
         }
         sums
     }
 
-    /// Adds the products of a course with this value in one block, to sums of later blocks times `decay`.
-    fn add(&self, channel: usize, block: usize, value: f64, decay: f64, sums: &mut OfRuns) {
-        let series = &self.base.series[channel];
-        let [own, next] = [block, block + 1].map(|block| &self.channels[channel].derivatives[block]);
-        let (size, falls) = of_value(series, self.base.mode, block);
-        let (size, falls, decay) = ((value * size) as f32, falls as f32, decay as f32);
-        for (sum, (own, next)) in sums.iter_mut().zip(own.iter().zip(next)) {
-            *sum = decay * *sum + size * (own - falls * next);
+    /// Sums of the courses that decay, by the bits of their decay and the block from which they do; in the order of decays, the last
+    /// block first.
+    fn tails(&self, channel: usize, tails: &[(u64, usize)]) -> HashMap<(u64, usize), OfRuns> {
+        let mut found = HashMap::with_capacity(tails.len());
+        let mut of_decays: Vec<_> = tails.chunk_by(|one, other| one.0 == other.0).map(|same| (same, NONE)).collect();
+        for block in (0..self.bank.block_count()).rev() {
+            for (left, sums) in &mut of_decays {
+                let count = left.partition_point(|(_, from)| *from > block);
+                let (done, later) = left.split_at(count);
+                found.extend(done.iter().map(|key| (*key, *sums)));
+                *left = later;
+            }
+            of_decays.retain(|(left, _)| !left.is_empty());
+            if of_decays.is_empty() {
+                break;
+            }
+            let products = self.of_block(channel, block, 1.0);
+            for (left, sums) in &mut of_decays {
+                add_decayed(sums, f64::from_bits(left[0].0) as f32, &products);
+            }
         }
+        found.extend(of_decays.iter().flat_map(|(left, sums)| left.iter().map(|key| (*key, *sums))));
+        found
+    }
+
+    /// Products of a course with this value in one block.
+    fn of_block(&self, channel: usize, block: usize, value: f64) -> OfRuns {
+        let derivatives = &self.channels[channel].derivatives;
+        let (size, falls) = of_value(&self.base.series[channel], self.base.mode, block);
+        let (size, falls) = ((value * size) as f32, falls as f32);
+        std::array::from_fn(|run| size * (derivatives[block][run] - falls * derivatives[block + 1][run]))
     }
 }
 
-/// Sums of the values times the values of each recording.
-fn product(values: &[f64], recordings: &[OfRuns]) -> OfRuns {
-    let mut sums = [0.0; RUNS];
-    for (value, runs) in values.iter().zip(recordings) {
-        let value = *value as f32;
-        sums.iter_mut().zip(runs).for_each(|(sum, run)| *sum += value * run);
+/// Multiplies sums by a decay and adds products.
+#[multiversion(targets("x86_64+avx2"))]
+fn add_decayed(sums: &mut OfRuns, decay: f32, products: &OfRuns) {
+    sums.iter_mut().zip(products).for_each(|(sum, product)| *sum = decay * *sum + product);
+}
+
+/// Adds the sums of the values times the values of each recording.
+#[multiversion(targets("x86_64+avx2"))]
+fn add_products(sums: &mut OfRuns, values: &[f32], recordings: &[OfRuns]) {
+    for (lanes, sums) in sums.chunks_exact_mut(LANES).enumerate() {
+        let mut own: [f32; LANES] = std::array::from_fn(|lane| sums[lane]);
+        for (value, runs) in values.iter().zip(recordings) {
+            let runs = &runs[lanes * LANES..][..LANES];
+            own.iter_mut().zip(runs).for_each(|(sum, run)| *sum += value * run);
+        }
+        sums.copy_from_slice(&own);
     }
-    sums
 }
 
 #[cfg(test)]
@@ -260,7 +287,9 @@ pub(crate) mod tests {
                 for (channel, column) in bank.columns(base, variation).into_iter().enumerate() {
                     let Some(Column { from, values }) = column else { continue };
                     let values = case.whitenings(&noise)[channel].apply_from(from, &values);
-                    let expected = product(&values, &channels[channel].white[from..]);
+                    let whitened: Vec<f32> = values.iter().map(|value| *value as f32).collect();
+                    let mut expected = NONE;
+                    add_products(&mut expected, &whitened, &channels[channel].white[from..]);
                     let size = values.iter().map(|value| value * value).sum::<f64>().sqrt() as f32 * 504.0;
                     let found = products.products(channel, place, None);
                     // Rounding of f32 sums over 360 blocks; a block more or less would change them by one in twenty.
