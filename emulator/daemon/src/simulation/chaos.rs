@@ -77,9 +77,14 @@ impl SimulatedLink {
     }
 }
 
+/// Sample intervals of the units, s, and the largest number of samples of their runs. During a long interval the unit must end within a
+/// second as well; at short ones a stall takes several samples.
+const INTERVALS: [(f64, i64); 3] = [(0.5, 40), (0.02, 400), (5.0, 6)];
+
 /// The random choices of a run.
 #[derive(Debug)]
 struct Plan {
+    interval_s: f64,
     links: Vec<SimulatedLink>,
     clients: Vec<(usize, Habits)>,
     disk: Option<disk::Habits>,
@@ -120,12 +125,22 @@ impl Plan {
             stall_ns: host.draw(10_000_000..=3_000_000_000),
             fails: if host.happens(0.1) { 0.01 } else { 0.0 },
         });
-        let samples = host.draw(4..=40) as u64;
+        let (interval_s, most) = INTERVALS[if host.happens(0.7) { 0 } else { host.draw(1..=2) as usize }];
+        let samples = host.draw(4..=most) as u64;
         let speed = Speed::Times(if host.happens(0.85) { 1.0 } else { host.draw(2..=50) as f64 });
-        let asked_ns = host.happens(0.7).then(|| host.draw(0..=samples as i64 * 500_000_000));
+        let asked_ns = host.happens(0.7).then(|| host.draw(0..=duration_ns(interval_s, samples)));
         let stalls = if host.happens(0.15) { host.draw(1..=3) } else { 0 };
-        Plan { links, clients, disk, speed, samples, asked_ns, stalls, has_operator: host.happens(0.4) }
+        Plan { interval_s, links, clients, disk, speed, samples, asked_ns, stalls, has_operator: host.happens(0.4) }
     }
+
+    /// Duration of all samples in real time.
+    fn duration_ns(&self) -> i64 {
+        duration_ns(self.interval_s, self.samples)
+    }
+}
+
+fn duration_ns(interval_s: f64, samples: u64) -> i64 {
+    (interval_s * 1e9 * samples as f64) as i64
 }
 
 /// Counts of a run.
@@ -154,7 +169,8 @@ pub(crate) fn run(seed: u64) -> Result<Outcome, String> {
 
 fn run_on(host: &Host) -> Result<Outcome, String> {
     let plan = Plan::draw(host);
-    let configuration = Configuration::reference();
+    let mut configuration = Configuration::reference();
+    Arc::make_mut(&mut configuration.device).interval_s = plan.interval_s;
     let session = Session::new(&[], plan.speed, false).map_err(|error| error.to_string())?;
     let disk = plan.disk.map(|habits| (Arc::<Disk>::default(), habits));
     let (feed, writer) = disk
@@ -199,7 +215,7 @@ fn run_on(host: &Host) -> Result<Outcome, String> {
     start_operator(&plan, &service, &setting);
     start_stalls(host, &plan, &setting, &asked_at_ns);
     // A run that ends by itself waits for its disk without a limit, until it is asked to end.
-    let asked_ns = plan.asked_ns.unwrap_or(plan.samples as i64 * 500_000_000 + PATIENCE_NS);
+    let asked_ns = plan.asked_ns.unwrap_or(plan.duration_ns() + PATIENCE_NS);
     let (own_host, at_ns) = (host.clone(), asked_at_ns.clone());
     host.spawn(async move {
         host::sleep(Duration::from_nanos(asked_ns as u64)).await;
@@ -337,7 +353,7 @@ fn start_operator(plan: &Plan, service: &Arc<ControlService>, setting: &Arc<Sett
 fn start_stalls(host: &Host, plan: &Plan, setting: &Arc<Setting>, asked_at_ns: &Arc<AtomicI64>) {
     for _ in 0..plan.stalls {
         let (host, setting, asked_at_ns) = (host.clone(), setting.clone(), asked_at_ns.clone());
-        let after_ns = host.draw(0..=plan.samples as i64 * 500_000_000);
+        let after_ns = host.draw(0..=plan.duration_ns());
         host.clone().spawn(async move {
             host::sleep(Duration::from_nanos(after_ns as u64)).await;
             setting.has_stalled.store(true, Relaxed);
