@@ -10,8 +10,8 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use geu_protocol::serial::data_frame;
 use geu_protocol::{CLOCK_PER_SAMPLE, Sample};
-use geu_tests::geu;
 use geu_tests::pty::open_pty;
+use geu_tests::{geu, root};
 use nix::sys::signal::{Signal, kill};
 use nix::sys::stat::Mode;
 use nix::unistd::{Pid, mkfifo};
@@ -85,6 +85,37 @@ fn a_duration_ends_a_silent_link() {
         let said = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(code), "{said}");
         assert!(said.contains("no sample: nothing was received"), "{said}");
+    }
+}
+
+#[test]
+fn a_link_that_ends_before_the_duration_fails_with_its_rows() {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = listener.local_addr().expect("its address").to_string();
+    let child = geu()
+        .args(["decode", &address, "--duration", "60"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("geu starts");
+    let (mut client, _) = listener.accept().expect("a client");
+    client.write_all(&data_frame(&sample(3))).expect("written");
+    drop(client);
+    let output = child.wait_with_output().expect("its end");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains(&address) && said.contains(" s before the end of --duration"), "{said}");
+    assert_eq!(String::from_utf8_lossy(&output.stdout).lines().count(), 2);
+}
+
+#[test]
+fn a_duration_of_files_is_refused() {
+    let capture = root().join("tests/captures/encoded.log");
+    for command in ["decode", "track"] {
+        let output = geu().arg(command).arg(&capture).args(["--duration", "5"]).output().expect("geu starts");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(said.contains("--duration: expected a live input, got files; --from and --to"), "{said}");
     }
 }
 

@@ -12,7 +12,7 @@ use geu_report::rows::{DeviceRows, TextFormat, write_row};
 
 use crate::command_error::{CommandError, note};
 use crate::device::{DEFAULT_DEVICE, device};
-use crate::input_args::{InputArgs, note_elsewhere};
+use crate::input_args::{InputArgs, note_elsewhere, verify_duration};
 use crate::output_writer::OutputWriter;
 use crate::outputs::{OutputDirectory, OutputFile, persist};
 use crate::settings::choice;
@@ -144,6 +144,7 @@ fn decode<D: Decode>(
         }
         read += 1;
     }
+    let left = reader.left();
     let (summary, ending) = reader.finish(&mut writer);
     let result = result.and(ending);
     let is_refused = is_refused(&result, &summary, read);
@@ -169,6 +170,7 @@ fn decode<D: Decode>(
     note_elsewhere(&summary);
     result?;
     arguments.reading.note_no_rows(&summary);
+    verify_duration(&arguments.inputs.join(", "), left)?;
     arguments.check_strict(&summary)
 }
 

@@ -1,5 +1,6 @@
 //! Options of commands that read a link, and notes on what was read.
 
+use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
@@ -30,7 +31,7 @@ pub struct InputArgs {
     /// Rate of serial devices.
     #[arg(long, value_name = "BAUD")]
     baud: Option<u32>,
-    /// Stop after this time.
+    /// Stop a live input after this time; fails if it ends before.
     #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = duration(0.0, LONGEST_S))]
     duration: Option<f64>,
     #[command(flatten)]
@@ -67,17 +68,24 @@ impl InputArgs {
     /// process.
     ///
     /// # Errors
-    /// Signals cannot be watched.
+    /// Signals cannot be watched; a duration of files.
     pub fn stop_at_signals(&self, inputs: &[String]) -> Result<Stop<'static>, CommandError> {
         let flag = inputs.iter().any(|input| is_live(input)).then(stop_flag).transpose();
         let flag = flag.map_err(|error| CommandError::failed(format!("signals cannot be watched: {error}")))?;
-        Ok(self.stop(flag))
+        self.stop(flag, inputs)
     }
 
     /// The end by a flag, or after the duration.
-    pub fn stop<'a>(&self, flag: Option<&'a AtomicBool>) -> Stop<'a> {
+    ///
+    /// # Errors
+    /// A duration of files.
+    pub fn stop<'a>(&self, flag: Option<&'a AtomicBool>, inputs: &[String]) -> Result<Stop<'a>, CommandError> {
+        if self.duration.is_some() && inputs.iter().all(|input| Path::new(input).is_file()) {
+            let message = "--duration: expected a live input, got files; --from and --to select their samples";
+            return Err(CommandError::input(message));
+        }
         let deadline = self.duration.map(|duration_s| Instant::now() + Duration::from_secs_f64(duration_s));
-        Stop { flag, deadline }
+        Ok(Stop { flag, deadline })
     }
 
     fn options(&self) -> Result<DecoderOptions, CommandError> {
@@ -97,6 +105,16 @@ impl InputArgs {
             note(format_args!("geu: {reason}\n"));
         }
     }
+}
+
+/// Verifies that an input did not end by itself with this time left of the duration.
+///
+/// # Errors
+/// It did.
+pub fn verify_duration(input: &str, left: Option<Duration>) -> Result<(), CommandError> {
+    let Some(left) = left.filter(|left| !left.is_zero()) else { return Ok(()) };
+    let left_s = left.as_secs_f64();
+    Err(CommandError::failed(format!("{input}: ended {left_s:.1} s before the end of --duration")))
 }
 
 /// Prints the other interfaces with frames of the unit.

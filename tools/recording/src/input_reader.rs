@@ -129,6 +129,12 @@ impl<'a, D: Decode> InputReader<'a, D> {
         self.stop.is_due()
     }
 
+    /// Time until the deadline; `None` without one, or after a request to stop.
+    pub fn left(&self) -> Option<Duration> {
+        let deadline = self.stop.deadline.filter(|_| !self.stop.is_asked())?;
+        Some(deadline.saturating_duration_since(Instant::now()))
+    }
+
     fn is_done(&self, sink: &impl Sink<D::Row>) -> bool {
         self.stop.is_due() || sink.is_closed()
     }
