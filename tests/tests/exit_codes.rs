@@ -66,6 +66,23 @@ fn the_help_of_every_command_lists_the_exit_codes() {
 }
 
 #[test]
+fn an_empty_configuration_or_plan_is_refused() {
+    let directory = test_directory();
+    for (line, expected) in [
+        ("simulate plain --duration 10 --out x", "plain: is empty; expected a configuration"),
+        ("simulate --faults plain --duration 10 --out x", "plain: is empty; expected"),
+        ("config show plain", "plain: is empty; expected a configuration"),
+    ] {
+        assert_code(directory.path(), BAD, &[line]);
+        let message = String::from_utf8_lossy(&run(directory.path(), line).stderr).into_owned();
+        assert!(message.contains(expected), "geu {line}: {message}");
+    }
+    // Nothing on purpose: a unit without errors.
+    let output = run(directory.path(), "simulate /dev/null --duration 10 --out x");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+#[test]
 fn a_wrong_option_is_2_for_every_command() {
     let directory = tempfile::tempdir().expect("a directory");
     let help = run(directory.path(), "--help");

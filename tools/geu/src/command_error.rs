@@ -89,7 +89,7 @@ impl From<RecordError> for CommandError {
 impl From<InputError> for CommandError {
     fn from(error: InputError) -> CommandError {
         match error {
-            InputError::Read { .. } => CommandError::failed(error),
+            InputError::Read { .. } | InputError::EndedEarly { .. } => CommandError::failed(error),
             error => CommandError::input(error),
         }
     }

@@ -23,7 +23,8 @@ const LONGEST_LINE: u64 = 8 * 1024 * 1024;
 
 /// Keeps its connections between requests.
 static AGENT: LazyLock<Agent> = LazyLock::new(|| {
-    Agent::config_builder().http_status_as_error(false).timeout_connect(Some(ANSWER_TIMEOUT)).build().new_agent()
+    let config = Agent::config_builder().http_status_as_error(false).timeout_connect(Some(ANSWER_TIMEOUT));
+    config.timeout_recv_response(Some(ANSWER_TIMEOUT)).build().new_agent()
 });
 
 /// Selection of a running emulator.

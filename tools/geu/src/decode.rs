@@ -12,7 +12,7 @@ use geu_report::rows::{DeviceRows, TextFormat, write_row};
 
 use crate::command_error::{CommandError, note};
 use crate::device::{DEFAULT_DEVICE, device};
-use crate::input_args::{InputArgs, note_elsewhere, verify_duration};
+use crate::input_args::{InputArgs, note_elsewhere};
 use crate::output_writer::OutputWriter;
 use crate::outputs::{OutputDirectory, OutputFile, persist};
 use crate::settings::choice;
@@ -144,7 +144,6 @@ fn decode<D: Decode>(
         }
         read += 1;
     }
-    let left = reader.left();
     let (summary, ending) = reader.finish(&mut writer);
     let result = result.and(ending);
     let is_refused = is_refused(&result, &summary, read);
@@ -170,7 +169,6 @@ fn decode<D: Decode>(
     note_elsewhere(&summary);
     result?;
     arguments.reading.note_no_rows(&summary);
-    verify_duration(&arguments.inputs.join(", "), left)?;
     arguments.check_strict(&summary)
 }
 
@@ -227,8 +225,8 @@ impl Arguments {
 
 /// True if the rows read before this end are a result, also of a broken recording or a closed link.
 pub fn gives_rows(read: &Result<(), InputError>) -> bool {
-    use InputError::{Container, Cut, Read};
-    matches!(read, Ok(()) | Err(Read { .. } | Container { .. } | Cut { .. }))
+    use InputError::{Container, Cut, EndedEarly, Read};
+    matches!(read, Ok(()) | Err(Read { .. } | Container { .. } | Cut { .. } | EndedEarly { .. }))
 }
 
 /// True if the first input was refused, so that nothing is written, not even a header. `read` inputs were read to their end;

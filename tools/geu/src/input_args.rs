@@ -107,16 +107,6 @@ impl InputArgs {
     }
 }
 
-/// Verifies that an input did not end by itself with this time left of the duration.
-///
-/// # Errors
-/// It did.
-pub fn verify_duration(input: &str, left: Option<Duration>) -> Result<(), CommandError> {
-    let Some(left) = left.filter(|left| !left.is_zero()) else { return Ok(()) };
-    let left_s = left.as_secs_f64();
-    Err(CommandError::failed(format!("{input}: ended {left_s:.1} s before the end of --duration")))
-}
-
 /// Prints the other interfaces with frames of the unit.
 pub fn note_elsewhere(summary: &DecodeSummary) {
     if !summary.elsewhere.is_empty() {

@@ -18,7 +18,7 @@ use nalgebra::{Quaternion, UnitQuaternion};
 use crate::command_error::{CommandError, note};
 use crate::decode::{ColumnPlace, ColumnRows, RowOutput, TextRows, gives_rows, is_refused, verify_columns_place};
 use crate::device::{DEFAULT_DEVICE, unit};
-use crate::input_args::{InputArgs, note_elsewhere, verify_duration};
+use crate::input_args::{InputArgs, note_elsewhere};
 use crate::outputs::{OutputFile, persist};
 use crate::settings::{choice, read_text};
 
@@ -197,7 +197,6 @@ fn track_to<D: Decode>(
     let mut writer = Writer { push, output, is_open: false, broken: None, statistics: Statistics::default() };
     let result = reader.read(&arguments.link, &mut writer);
     let read = usize::from(result.is_ok());
-    let left = reader.left();
     let (summary, ending) = reader.finish(&mut writer);
     let result = result.and(ending);
     if !is_refused(&result, &summary, read) {
@@ -220,7 +219,6 @@ fn track_to<D: Decode>(
     note_elsewhere(&summary);
     result?;
     arguments.reading.note_no_rows(&summary);
-    verify_duration(&arguments.link, left)?;
     let is_complete = statistics.last.as_ref().is_some_and(|last| last.is_complete);
     match arguments.strict && (!is_complete || statistics.alarms > 0 || defects > 0) {
         true => Err(CommandError::failed(format!(

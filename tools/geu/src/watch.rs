@@ -15,7 +15,7 @@ use ureq::http::Method;
 use crate::command_error::{CommandError, note, say};
 use crate::control_client::ControlClient;
 use crate::device::verify_link;
-use crate::input_args::{InputArgs, note_elsewhere, verify_duration};
+use crate::input_args::{InputArgs, note_elsewhere};
 use crate::running;
 use crate::settings::{ConfigArgs, NamedConfigArgs};
 use crate::token::Token;
@@ -129,7 +129,6 @@ fn watch<D: Decode>(
 ) -> Result<(), CommandError> {
     let mut printer = Printer { monitor, publisher, samples: 0, alarms: 0, interruptions: 0, broken: None };
     let result = reader.read(&arguments.link, &mut printer);
-    let left = reader.left();
     let (summary, ending) = reader.finish(&mut printer);
     if let Some(failure) = printer.broken.take() {
         return Err(failure);
@@ -155,7 +154,6 @@ fn watch<D: Decode>(
         };
         note(format_args!("geu: no change was searched for: {why}\n"));
     }
-    verify_duration(&arguments.link, left)?;
     match arguments.strict && alarms > 0 {
         true => Err(CommandError::failed(format!("--strict: {alarms} alarms"))),
         false => Ok(()),

@@ -85,6 +85,9 @@ pub enum InputError {
     /// No row between two times.
     #[error("--from, --to: expected samples of {names} in this range, got none")]
     EmptyRange { names: String },
+    /// The input ended by itself before the time for which it was to be read.
+    #[error("{names}: ended {left_s:.1} s before the end of --duration")]
+    EndedEarly { names: String, left_s: f64 },
     /// Text without the columns of the unit's table.
     #[error("{name}: line 1: expected {expected}, got {got}")]
     Columns { name: String, expected: String, got: String },

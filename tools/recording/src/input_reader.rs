@@ -102,22 +102,25 @@ impl<'a, D: Decode> InputReader<'a, D> {
     /// Ends the stream: gives out what waits, and the summary.
     ///
     /// # Errors
-    /// A serial recording that was read to its end and in which no frame was found.
+    /// A serial recording that was read to its end and in which no frame was found; an empty range; an end before the deadline.
     pub fn finish(mut self, sink: &mut impl Sink<D::Row>) -> (DecodeSummary, Result<(), InputError>) {
-        let is_stopped = self.stop.is_due();
+        let (is_stopped, deadline) = (self.stop.is_due(), self.stop.deadline);
         if is_stopped {
             self.decoder.stop();
         }
         self.decoder.finish(sink);
         let expected = self.decoder.expected();
         let summary = self.decoder.into_summary();
-        let result = match self.serial {
-            Some((name, length, head)) if summary.serial_frames == 0 && !is_stopped => {
+        let names = || summary.inputs.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(" ");
+        let result = match (self.serial, deadline) {
+            _ if is_stopped => Ok(()),
+            (Some((name, length, head)), _) if summary.serial_frames == 0 => {
                 Err(no_frame(&name, length, &head, expected))
             }
-            _ if self.options.range.is_some() && summary.rows == 0 && !is_stopped => {
-                let names: Vec<&str> = summary.inputs.iter().map(|(name, _)| name.as_str()).collect();
-                Err(InputError::EmptyRange { names: names.join(" ") })
+            _ if self.options.range.is_some() && summary.rows == 0 => Err(InputError::EmptyRange { names: names() }),
+            (_, Some(deadline)) => {
+                let left_s = deadline.saturating_duration_since(Instant::now()).as_secs_f64();
+                Err(InputError::EndedEarly { names: names(), left_s })
             }
             _ => Ok(()),
         };
@@ -127,12 +130,6 @@ impl<'a, D: Decode> InputReader<'a, D> {
     /// True after a request to stop or at the deadline.
     pub fn is_stopped(&self) -> bool {
         self.stop.is_due()
-    }
-
-    /// Time until the deadline; `None` without one, or after a request to stop.
-    pub fn left(&self) -> Option<Duration> {
-        let deadline = self.stop.deadline.filter(|_| !self.stop.is_asked())?;
-        Some(deadline.saturating_duration_since(Instant::now()))
     }
 
     fn is_done(&self, sink: &impl Sink<D::Row>) -> bool {
