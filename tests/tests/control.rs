@@ -143,6 +143,16 @@ fn an_endless_event_line_ends_the_monitor_with_a_message() {
 }
 
 #[test]
+fn a_silent_address_ends_the_monitor() {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = listener.local_addr().expect("its address").to_string();
+    let start = Instant::now();
+    let said = failed(&geu().args(["monitor", "--control", &address]).output().expect("geu starts"), 1);
+    assert!(start.elapsed() < Duration::from_secs(10), "{:?}", start.elapsed());
+    assert!(said.contains(&format!("{address}: expected an answer within 5s, got none")), "{said}");
+}
+
+#[test]
 fn the_token_comes_from_a_file_or_the_environment_and_no_message_shows_it() {
     let directory = tempfile::tempdir().expect("a directory");
     let path = |name: &str| directory.path().join(name).to_str().expect("text").to_owned();

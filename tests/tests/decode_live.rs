@@ -90,33 +90,47 @@ fn a_duration_ends_a_silent_link() {
 
 #[test]
 fn a_link_that_ends_before_the_duration_fails_with_its_rows() {
-    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
-    let address = listener.local_addr().expect("its address").to_string();
-    let child = geu()
-        .args(["decode", &address, "--duration", "60"])
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("geu starts");
-    let (mut client, _) = listener.accept().expect("a client");
-    client.write_all(&data_frame(&sample(3))).expect("written");
-    drop(client);
-    let output = child.wait_with_output().expect("its end");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{said}");
-    assert!(said.contains(&address) && said.contains(" s before the end of --duration"), "{said}");
-    assert_eq!(String::from_utf8_lossy(&output.stdout).lines().count(), 2);
+    let watch = ["watch", "--quiet"];
+    for (command, frames, lines) in
+        [(&["decode"][..], 1, 2), (&["decode"], 0, 0), (&["track", "--format", "csv"], 1, 2), (&watch, 1, 0)]
+    {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+        let address = listener.local_addr().expect("its address").to_string();
+        let mut child = geu();
+        child.args(command).args([&address, "--duration", "60"]).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let child = child.spawn().expect("geu starts");
+        let (mut client, _) = listener.accept().expect("a client");
+        (0..frames).for_each(|index| client.write_all(&data_frame(&sample(index))).expect("written"));
+        drop(client);
+        let output = child.wait_with_output().expect("its end");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{command:?}: {said}");
+        let early = said.split_once(&format!("{address}: ended ")).and_then(|(_, rest)| rest.split_once(" s before"));
+        let left_s: f64 = early.and_then(|(left_s, _)| left_s.parse().ok()).unwrap_or_else(|| panic!("{said}"));
+        assert!((50.0..60.0).contains(&left_s), "{said}");
+        assert_eq!(String::from_utf8_lossy(&output.stdout).lines().count(), lines, "{command:?}");
+    }
 }
 
 #[test]
-fn a_duration_of_files_is_refused() {
+fn a_duration_of_a_recording_is_refused() {
     let capture = root().join("tests/captures/encoded.log");
-    for command in ["decode", "track"] {
-        let output = geu().arg(command).arg(&capture).args(["--duration", "5"]).output().expect("geu starts");
+    let directory = tempfile::tempdir().expect("a directory");
+    let (_master, _slave, link) = open_pty();
+    let refuse = |arguments: &[&Path]| {
+        let mut command = geu();
+        command.args(arguments).args(["--duration", "5"]).stdin(File::open(&capture).expect("the capture"));
+        let output = command.output().expect("geu starts");
         let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{said}");
-        assert!(said.contains("--duration: expected a live input, got files; --from and --to"), "{said}");
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
+        assert!(said.contains("--duration: expected live inputs alone, got the recording "), "{said}");
+    };
+    for command in ["decode", "track", "watch"].map(Path::new) {
+        refuse(&[command, &capture]);
+        refuse(&[command, Path::new("-")]);
+        refuse(&[command, directory.path()]);
     }
+    refuse(&[Path::new("decode"), Path::new(&link), &capture]);
 }
 
 /// Asks for the end, which is well and comes within a second; what it said on standard error, and the rest of its output.

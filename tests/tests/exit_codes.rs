@@ -32,6 +32,7 @@ fn test_directory() -> tempfile::TempDir {
     let directory = tempfile::tempdir().expect("a directory");
     fs::write(directory.path().join("bad.toml"), "[gyro.GYRQ]\ndrift = 1\n").expect("written");
     fs::write(directory.path().join("plain"), "").expect("written");
+    fs::write(directory.path().join("comment"), "# none yet\n").expect("written");
     let made = run(directory.path(), "simulate --duration 600 --out rec");
     assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
     directory
@@ -69,9 +70,10 @@ fn the_help_of_every_command_lists_the_exit_codes() {
 fn an_empty_configuration_or_plan_is_refused() {
     let directory = test_directory();
     for (line, expected) in [
-        ("simulate plain --duration 10 --out x", "plain: is empty; expected a configuration"),
-        ("simulate --faults plain --duration 10 --out x", "plain: is empty; expected"),
-        ("config show plain", "plain: is empty; expected a configuration"),
+        ("simulate plain --duration 10 --out x", "plain: cannot be read: it is empty; expected a configuration"),
+        ("simulate --faults plain --duration 10 --out x", "plain: cannot be read: it is empty; expected a plan"),
+        ("simulate --faults comment --duration 10 --out x", "comment: expected a plan with [[fault]] or [[expect]]"),
+        ("config show plain", "plain: cannot be read: it is empty; expected a configuration"),
     ] {
         assert_code(directory.path(), BAD, &[line]);
         let message = String::from_utf8_lossy(&run(directory.path(), line).stderr).into_owned();

@@ -3,7 +3,7 @@
 //! Steps and courses that decay are sums from their onset to the end, in which the value of each block is that of the block before times a
 //! constant: one pass from the end gives the sums of all onsets and constants.
 //!
-//! Each value of a recording has a lane of its own, so that the results are the same with vectors of any width.
+//! Each recording has a lane of its own and no target has fused multiply-add, so that vectors of any width give the same results.
 
 use std::borrow::Cow;
 use std::cmp::Reverse;
@@ -30,7 +30,7 @@ const LANES: usize = 32;
 
 /// A value for each null recording.
 pub type OfRuns = [f32; RUNS];
-const NONE: OfRuns = [0.0; RUNS];
+const ZEROS: OfRuns = [0.0; RUNS];
 
 /// Null recordings on one channel, by block, with zeros after the last one.
 pub struct NullChannel {
@@ -42,7 +42,7 @@ pub struct NullChannel {
 
 /// These recordings, of which there are [`RUNS`], on each channel.
 pub fn null_channels(normal: &NormalEquations, drawn: Vec<Series>) -> [NullChannel; CHANNELS] {
-    let none = || vec![NONE; drawn[0][0].len() + 1];
+    let none = || vec![ZEROS; drawn[0][0].len() + 1];
     let mut channels = std::array::from_fn(|_| NullChannel { white: none(), derivatives: none() });
     let put = |all: &mut [OfRuns], run: usize, values: &[f64]| {
         all.iter_mut().zip(values).for_each(|(runs, value)| runs[run] = *value as f32);
@@ -85,7 +85,7 @@ impl<'a> NullProducts<'a> {
         let (kept_tails, kept_others) = Default::default();
         let mut products = NullProducts { bank, base, list, channels, tails: kept_tails, others: kept_others };
         for channel in (0..CHANNELS).filter(|&channel| base.reaches(channel)) {
-            products.tails[channel] = products.tails(channel, &tails);
+            products.tails[channel] = products.sums_of_tails(channel, &tails);
             for places in others.chunks(COURSES_AT_ONCE) {
                 let of_others = products.sums(channel, places);
                 products.others[channel].extend(places.iter().copied().zip(of_others));
@@ -111,7 +111,7 @@ impl<'a> NullProducts<'a> {
             }
             return sums;
         }
-        let mut sums = NONE;
+        let mut sums = ZEROS;
         if let Some(white) = white {
             let values: Vec<f32> = white.values.iter().map(|value| *value as f32).collect();
             add_products(&mut sums, &values, &self.channels[channel].white[white.from..]);
@@ -127,7 +127,7 @@ impl<'a> NullProducts<'a> {
         };
         let courses: Vec<_> = places.iter().map(course).collect();
         let derivatives = &self.channels[channel].derivatives;
-        let mut sums = vec![NONE; places.len()];
+        let mut sums = vec![ZEROS; places.len()];
         for first in (0..self.bank.block_count()).step_by(AT_ONCE) {
             let blocks = first..self.bank.block_count().min(first + AT_ONCE);
             let later = derivatives[first + 1..].iter();
@@ -155,11 +155,11 @@ impl<'a> NullProducts<'a> {
         sums
     }
 
-    /// Sums of the courses that decay, by the bits of their decay and the block from which they do; in the order of decays, the last
+    /// Sums of the courses that decay, by the bits of their decay and the block from which they do. `tails` are in order of decay, the last
     /// block first.
-    fn tails(&self, channel: usize, tails: &[(u64, usize)]) -> HashMap<(u64, usize), OfRuns> {
+    fn sums_of_tails(&self, channel: usize, tails: &[(u64, usize)]) -> HashMap<(u64, usize), OfRuns> {
         let mut found = HashMap::with_capacity(tails.len());
-        let mut of_decays: Vec<_> = tails.chunk_by(|one, other| one.0 == other.0).map(|same| (same, NONE)).collect();
+        let mut of_decays: Vec<_> = tails.chunk_by(|one, other| one.0 == other.0).map(|same| (same, ZEROS)).collect();
         for block in (0..self.bank.block_count()).rev() {
             for (left, sums) in &mut of_decays {
                 let count = left.partition_point(|(_, from)| *from > block);
@@ -287,9 +287,11 @@ pub(crate) mod tests {
                 for (channel, column) in bank.columns(base, variation).into_iter().enumerate() {
                     let Some(Column { from, values }) = column else { continue };
                     let values = case.whitenings(&noise)[channel].apply_from(from, &values);
-                    let whitened: Vec<f32> = values.iter().map(|value| *value as f32).collect();
-                    let mut expected = NONE;
-                    add_products(&mut expected, &whitened, &channels[channel].white[from..]);
+                    let recordings = &channels[channel].white[from..];
+                    let expected: OfRuns = std::array::from_fn(|run| {
+                        let products = values.iter().zip(recordings).map(|(value, runs)| value * f64::from(runs[run]));
+                        products.sum::<f64>() as f32
+                    });
                     let size = values.iter().map(|value| value * value).sum::<f64>().sqrt() as f32 * 504.0;
                     let found = products.products(channel, place, None);
                     // Rounding of f32 sums over 360 blocks; a block more or less would change them by one in twenty.
@@ -300,6 +302,23 @@ pub(crate) mod tests {
             }
         }
         assert!(compared.iter().all(|count| *count > 100), "{compared:?}");
+    }
+
+    #[test]
+    fn vectors_change_no_bit() {
+        let number = |seed: usize| ((seed * 7919) % 1009) as f32 * 1e-3 - 0.5;
+        let recordings: Vec<OfRuns> =
+            (0..300).map(|block| std::array::from_fn(|run| number(block * RUNS + run))).collect();
+        let values: Vec<f32> = (0..300).map(|block| number(block * 31 + 7)).collect();
+        let (mut products, mut decayed) = (ZEROS, ZEROS);
+        add_products(&mut products, &values, &recordings);
+        recordings.iter().for_each(|own| add_decayed(&mut decayed, 0.99, own));
+        for run in 0..RUNS {
+            let sum = values.iter().zip(&recordings).fold(0.0f32, |sum, (value, runs)| sum + value * runs[run]);
+            assert_eq!(products[run].to_bits(), sum.to_bits());
+            let sum = recordings.iter().fold(0.0f32, |sum, runs| 0.99 * sum + runs[run]);
+            assert_eq!(decayed[run].to_bits(), sum.to_bits());
+        }
     }
 
     #[test]

@@ -171,7 +171,7 @@ impl ControlClient {
             let what = match error {
                 // A stopped process answers once it continues.
                 ureq::Error::Timeout(_) => {
-                    "expected an answer in time, got none; the emulator may still do what was asked".to_owned()
+                    format!("expected an answer within {ANSWER_TIMEOUT:?}, got none; is it an emulator, and not stopped? A change may still be made")
                 }
                 error => format!("{error}; expected a running emulator; geu run prints its address at the start"),
             };

@@ -1,6 +1,5 @@
 //! Options of commands that read a link, and notes on what was read.
 
-use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
@@ -10,7 +9,7 @@ use geu_files::interruption::stop_flag;
 use geu_model::device::Device;
 use geu_protocol::CanIdMap;
 use geu_protocol::capture::Format as InputFormat;
-use geu_recording::{DecodeSummary, DecoderOptions, DeviceDecoder, InputReader, Stop, is_live};
+use geu_recording::{DecodeSummary, DecoderOptions, DeviceDecoder, InputReader, Stop, is_live, is_recording};
 
 use crate::command_error::{CommandError, note};
 use crate::settings::{LONGEST_S, can_base, duration};
@@ -68,7 +67,7 @@ impl InputArgs {
     /// process.
     ///
     /// # Errors
-    /// Signals cannot be watched; a duration of files.
+    /// Signals cannot be watched; a duration of a recording.
     pub fn stop_at_signals(&self, inputs: &[String]) -> Result<Stop<'static>, CommandError> {
         let flag = inputs.iter().any(|input| is_live(input)).then(stop_flag).transpose();
         let flag = flag.map_err(|error| CommandError::failed(format!("signals cannot be watched: {error}")))?;
@@ -78,11 +77,13 @@ impl InputArgs {
     /// The end by a flag, or after the duration.
     ///
     /// # Errors
-    /// A duration of files.
+    /// A duration of a recording.
     pub fn stop<'a>(&self, flag: Option<&'a AtomicBool>, inputs: &[String]) -> Result<Stop<'a>, CommandError> {
-        if self.duration.is_some() && inputs.iter().all(|input| Path::new(input).is_file()) {
-            let message = "--duration: expected a live input, got files; --from and --to select their samples";
-            return Err(CommandError::input(message));
+        if self.duration.is_some()
+            && let Some(recording) = inputs.iter().find(|input| is_recording(input))
+        {
+            let got = format!("--duration: expected live inputs alone, got the recording {recording}; leave it out");
+            return Err(CommandError::input(got));
         }
         let deadline = self.duration.map(|duration_s| Instant::now() + Duration::from_secs_f64(duration_s));
         Ok(Stop { flag, deadline })

@@ -94,14 +94,11 @@ pub fn start(text: &str) -> Result<f64, String> {
     number(0.0, 4e9, "")(text).map_err(|_| format!("expected 0…4e9 seconds, got {text}"))
 }
 
-/// Reads a text file; `expected` describes it in the error message. An empty one is the rest of a write that failed.
+/// Reads a text file; `expected` describes it in the error message.
 pub fn read_text(path: &Path, expected: &str) -> Result<String, CommandError> {
-    let refuse = |what: String| CommandError::input(format!("{}: {what}; expected {expected}", path.display()));
-    let text = geu_recording::read_text(path).map_err(|error| refuse(format!("cannot be read: {error}")))?;
-    if text.is_empty() && path.is_file() {
-        return Err(refuse("is empty".to_owned()));
-    }
-    Ok(text)
+    geu_recording::read_text(path).map_err(|error| {
+        CommandError::input(format!("{}: cannot be read: {error}; expected {expected}", path.display()))
+    })
 }
 
 /// Arguments of a run beside its configuration.

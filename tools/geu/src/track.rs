@@ -210,7 +210,7 @@ fn track_to<D: Decode>(
         persist(output.finish()?)?;
     }
     let (statistics, defects) = (&statistics, summary.account.defect_count());
-    if !arguments.quiet && result.is_ok() {
+    if !arguments.quiet && gives_rows(&result) {
         note(format_args!("{}", statistics.text(&start)));
         if defects > 0 {
             note(format_args!("defects        {defects}; geu decode lists them\n"));

@@ -32,7 +32,8 @@ class Samples:
     summary : str
         What was read, decoded and lost, in words.
     broken : str or None
-        Why the samples end before the input does: a broken container, a link that failed. A link that its other end closes ends regularly.
+        Why the samples end before the input does: a broken container, a link that failed, or ended before
+        ``duration``. Without it, a link that its other end closes ends regularly.
     """
 
     def __init__(self, table: _geu.Table) -> None:
@@ -93,7 +94,7 @@ def decode(inputs: Paths, *, device: StrPath | None = None, base: str | None = N
     baud : int, optional
         Rate of a serial device.
     duration : float or str, optional
-        End of a live input: seconds, or ``"10m"``. A live input without it ends with Ctrl-C, and yields no table.
+        Time of a live input: seconds, or ``"10m"``; ``broken`` says if it ended before. A live input without it ends with Ctrl-C, and yields no table.
     strict : bool
         Defects are an error; so is an input without a sample.
 

@@ -1,6 +1,6 @@
 //! Opening of inputs, and their errors.
 
-use std::fs::{self, File};
+use std::fs::{self, File, Metadata};
 use std::io::{self, Cursor, Read};
 use std::net::{TcpStream, ToSocketAddrs};
 use std::os::fd::{AsFd, OwnedFd};
@@ -86,7 +86,9 @@ pub enum InputError {
     #[error("--from, --to: expected samples of {names} in this range, got none")]
     EmptyRange { names: String },
     /// The input ended by itself before the time for which it was to be read.
-    #[error("{names}: ended {left_s:.1} s before the end of --duration")]
+    #[error(
+        "{names}: ended {left_s:.1} s before the end of --duration; was the unit stopped? the rows until then are written"
+    )]
     EndedEarly { names: String, left_s: f64 },
     /// Text without the columns of the unit's table.
     #[error("{name}: line 1: expected {expected}, got {got}")]
@@ -116,15 +118,23 @@ const ZSTD: [u8; 4] = [0x28, 0xB5, 0x2F, 0xFD];
 /// Largest window of a zstd file, as a power of two: the largest that `zstd` writes by default.
 const ZSTD_WINDOW_LOG: u32 = 27;
 
-/// True if `name` is no regular file: lost data cannot be read again.
+/// True for a file, also as standard input, and for the directory of an archive: it can be read again, and ends.
+pub fn is_recording(name: &str) -> bool {
+    metadata(name).is_ok_and(|metadata| metadata.is_file() || metadata.is_dir())
+}
+
+/// True if `name` is there and no recording: lost data cannot be read again.
 pub fn is_live(name: &str) -> bool {
-    let metadata = match name {
+    match metadata(name) {
+        Ok(_) => !is_recording(name),
+        Err(_) => nix::net::if_::if_nametoindex(name).is_ok() || is_address(name),
+    }
+}
+
+fn metadata(name: &str) -> io::Result<Metadata> {
+    match name {
         "-" => io::stdin().as_fd().try_clone_to_owned().and_then(|stdin| File::from(stdin).metadata()),
         path => fs::metadata(path),
-    };
-    match metadata {
-        Ok(metadata) => !metadata.is_file(),
-        Err(_) => nix::net::if_::if_nametoindex(name).is_ok() || is_address(name),
     }
 }
 

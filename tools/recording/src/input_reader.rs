@@ -104,7 +104,8 @@ impl<'a, D: Decode> InputReader<'a, D> {
     /// # Errors
     /// A serial recording that was read to its end and in which no frame was found; an empty range; an end before the deadline.
     pub fn finish(mut self, sink: &mut impl Sink<D::Row>) -> (DecodeSummary, Result<(), InputError>) {
-        let (is_stopped, deadline) = (self.stop.is_due(), self.stop.deadline);
+        let left = self.stop.deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()));
+        let is_stopped = self.stop.is_asked() || left.is_some_and(|left| left.is_zero());
         if is_stopped {
             self.decoder.stop();
         }
@@ -112,16 +113,13 @@ impl<'a, D: Decode> InputReader<'a, D> {
         let expected = self.decoder.expected();
         let summary = self.decoder.into_summary();
         let names = || summary.inputs.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(" ");
-        let result = match (self.serial, deadline) {
+        let result = match (self.serial, left) {
             _ if is_stopped => Ok(()),
             (Some((name, length, head)), _) if summary.serial_frames == 0 => {
                 Err(no_frame(&name, length, &head, expected))
             }
             _ if self.options.range.is_some() && summary.rows == 0 => Err(InputError::EmptyRange { names: names() }),
-            (_, Some(deadline)) => {
-                let left_s = deadline.saturating_duration_since(Instant::now()).as_secs_f64();
-                Err(InputError::EndedEarly { names: names(), left_s })
-            }
+            (_, Some(left)) => Err(InputError::EndedEarly { names: names(), left_s: left.as_secs_f64() }),
             _ => Ok(()),
         };
         (summary, result)
@@ -229,8 +227,10 @@ impl<'a, D: Decode> InputReader<'a, D> {
         };
         match (failure, is_empty) {
             (Some(failure), _) => Err(failure),
-            (None, Some(got)) if !is_stopped => Err(InputError::Empty { name: name.to_owned(), got }),
-            _ => Ok(()),
+            // A link that ends before its first byte ends early.
+            (None, None) => Ok(()),
+            (None, Some(_)) if is_stopped || is_live && self.stop.deadline.is_some() => Ok(()),
+            (None, Some(got)) => Err(InputError::Empty { name: name.to_owned(), got }),
         }
     }
 

@@ -3,7 +3,7 @@
 //! A megabyte of gzip can hold a gigabyte of text, and a kilobyte of zstd as much again. So every bound counts bytes as they leave the
 //! decompressor, and what is beyond it is never read.
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, BufRead, BufReader, Cursor, Read};
 use std::path::Path;
 
@@ -30,8 +30,12 @@ const HEAD: u64 = 4096;
 /// The text of a document, which may be compressed, without its byte order mark.
 ///
 /// # Errors
-/// A file that cannot be opened or read to its end, is longer than a document may be, or is no UTF-8.
+/// A file that cannot be opened or read to its end, has no byte, as after a write that failed, is longer than a document may be, or is no
+/// UTF-8. Devices may be empty: /dev/null is so on purpose.
 pub fn read_text(path: &Path) -> io::Result<String> {
+    if fs::metadata(path).is_ok_and(|metadata| metadata.is_file() && metadata.len() == 0) {
+        return Err(beyond("it is empty".to_owned()));
+    }
     let mut bytes = Vec::new();
     open_bytes(path)?.take(MAX_DOCUMENT_BYTES as u64 + 1).read_to_end(&mut bytes)?;
     if bytes.len() > MAX_DOCUMENT_BYTES {

@@ -77,14 +77,15 @@ impl SimulatedLink {
     }
 }
 
-/// Sample intervals of the units, s, and the largest number of samples of their runs. During a long interval the unit must end within a
-/// second as well; at short ones a stall takes several samples.
-const INTERVALS: [(f64, i64); 3] = [(0.5, 40), (0.02, 400), (5.0, 6)];
+/// Sample intervals of the units, ns, and the largest number of samples of their runs. The end comes within a second also in a long interval.
+pub(crate) const INTERVALS_NS: [(i64, i64); 3] = [(500_000_000, 40), (20_000_000, 400), (5_000_000_000, 6)];
+/// Pause before a client opens its first connection, at most.
+const FIRST_PAUSE_NS: i64 = 3_000_000_000;
 
 /// The random choices of a run.
 #[derive(Debug)]
 struct Plan {
-    interval_s: f64,
+    interval_ns: i64,
     links: Vec<SimulatedLink>,
     clients: Vec<(usize, Habits)>,
     disk: Option<disk::Habits>,
@@ -125,27 +126,24 @@ impl Plan {
             stall_ns: host.draw(10_000_000..=3_000_000_000),
             fails: if host.happens(0.1) { 0.01 } else { 0.0 },
         });
-        let (interval_s, most) = INTERVALS[if host.happens(0.7) { 0 } else { host.draw(1..=2) as usize }];
+        let (interval_ns, most) = INTERVALS_NS[if host.happens(0.7) { 0 } else { host.draw(1..=2) as usize }];
         let samples = host.draw(4..=most) as u64;
         let speed = Speed::Times(if host.happens(0.85) { 1.0 } else { host.draw(2..=50) as f64 });
-        let asked_ns = host.happens(0.7).then(|| host.draw(0..=duration_ns(interval_s, samples)));
+        let asked_ns = host.happens(0.7).then(|| host.draw(0..=interval_ns * samples as i64));
         let stalls = if host.happens(0.15) { host.draw(1..=3) } else { 0 };
-        Plan { interval_s, links, clients, disk, speed, samples, asked_ns, stalls, has_operator: host.happens(0.4) }
+        Plan { interval_ns, links, clients, disk, speed, samples, asked_ns, stalls, has_operator: host.happens(0.4) }
     }
 
     /// Duration of all samples in real time.
     fn duration_ns(&self) -> i64 {
-        duration_ns(self.interval_s, self.samples)
+        self.interval_ns * self.samples as i64
     }
-}
-
-fn duration_ns(interval_s: f64, samples: u64) -> i64 {
-    (interval_s * 1e9 * samples as f64) as i64
 }
 
 /// Counts of a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Outcome {
+    pub interval_ns: i64,
     pub samples: u64,
     pub received: u64,
     pub replies: u64,
@@ -170,7 +168,7 @@ pub(crate) fn run(seed: u64) -> Result<Outcome, String> {
 fn run_on(host: &Host) -> Result<Outcome, String> {
     let plan = Plan::draw(host);
     let mut configuration = Configuration::reference();
-    Arc::make_mut(&mut configuration.device).interval_s = plan.interval_s;
+    Arc::make_mut(&mut configuration.device).interval_s = plan.interval_ns as f64 * 1e-9;
     let session = Session::new(&[], plan.speed, false).map_err(|error| error.to_string())?;
     let disk = plan.disk.map(|habits| (Arc::<Disk>::default(), habits));
     let (feed, writer) = disk
@@ -272,6 +270,7 @@ fn check_summary(
     }
     let load = |count: &AtomicU64| count.load(Relaxed);
     Ok(Outcome {
+        interval_ns: plan.interval_ns,
         samples: summary.samples,
         received: load(&setting.totals.samples),
         replies: load(&setting.totals.replies),
@@ -282,13 +281,14 @@ fn check_summary(
 
 /// Clients of the links, which come, go and come back.
 fn start_clients(host: &Host, plan: &Plan, setting: &Arc<Setting>) {
+    let first_pause_ns = FIRST_PAUSE_NS.min(plan.duration_ns() / 4);
     for (number, (index, habits)) in plan.clients.iter().cloned().enumerate() {
         let (link, setting) = (plan.links[index].clone(), setting.clone());
         let is_shared = plan.clients.iter().filter(|(other, _)| *other == index).count() > 1;
         host.spawn(async move {
             let (mut replies, mut connections) = (0, 0);
             while !setting.is_over() {
-                let pause_ns = setting.host.draw(0..=if connections == 0 { 3_000_000_000 } else { 300_000_000 });
+                let pause_ns = setting.host.draw(0..=if connections == 0 { first_pause_ns } else { 300_000_000 });
                 host::sleep(Duration::from_nanos(if setting.host.happens(0.3) { 0 } else { pause_ns as u64 })).await;
                 connections += 1;
                 if link.kind() == Transport::Pty {
@@ -314,6 +314,7 @@ fn start_operator(plan: &Plan, service: &Arc<ControlService>, setting: &Arc<Sett
         return;
     }
     let (service, setting) = (service.clone(), setting.clone());
+    let [one_s, two_s] = [1.0, 2.0].map(|shortest_s: f64| shortest_s.max(plan.interval_ns as f64 * 1e-9));
     let work = move || {
         let own = super::host().expect("simulated");
         // Falls behind.
@@ -325,14 +326,22 @@ fn start_operator(plan: &Plan, service: &Arc<ControlService>, setting: &Arc<Sett
             }
             let id = format!("fault{number}");
             let fault = match own.draw(0..=2) {
-                0 => json!({ "id": id, "fault": "stuck-count", "gyro": "GYRX", "counts": 5, "for_s": 1.0 }),
-                1 => json!({ "id": id, "fault": "dead", "gyro": "GYRY", "for_s": 2.0 }),
+                0 => json!({ "id": id, "fault": "stuck-count", "gyro": "GYRX", "counts": 5, "for_s": one_s }),
+                1 => json!({ "id": id, "fault": "dead", "gyro": "GYRY", "for_s": two_s }),
                 _ => {
                     json!({ "id": id, "parameter": "drift.arcsec_per_h", "gyro": "GYRZA", "course": { "step": 10.0 } })
                 }
             };
             let change = match own.happens(0.8) {
-                true => service.inject(fault.as_object().expect("an object")).map(|_| id.clone()),
+                true => {
+                    let injected = service.inject(fault.as_object().expect("an object")).map(|_| id.clone());
+                    if let Err(error) = &injected
+                        && !setting.is_over()
+                    {
+                        own.fail(format_args!("{id} was refused: {error:?}"));
+                    }
+                    injected
+                }
                 false => {
                     let before = format!("fault{}", number - 1);
                     service.clear(&before).map(|_| format!("{before} cleared"))

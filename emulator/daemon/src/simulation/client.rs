@@ -129,8 +129,8 @@ struct Connection<'a> {
     waiting: Vec<u8>,
     frames: u64,
     sequence: Option<u16>,
-    /// Sequence of a sample that was sent, and not received since then.
-    lacking: Option<(u16, i64)>,
+    /// Time since which samples that were sent lack.
+    lacking_ns: Option<i64>,
     /// Opcode and time of the command that awaits its reply.
     asked: Option<(u8, i64)>,
 }
@@ -148,7 +148,7 @@ pub(super) async fn serve(setting: &Setting, endpoint: &Endpoint, replies: &mut 
         waiting: Vec::new(),
         frames: 0,
         sequence: None,
-        lacking: None,
+        lacking_ns: None,
         asked: None,
     };
     let host = &setting.host;
@@ -241,12 +241,13 @@ impl Connection<'_> {
         }
         let now_ns = self.setting.host.now_ns();
         let sent = self.setting.unit.completed().map(|completed| completed.sample.sequence);
-        let lacking = sent.filter(|sent| self.sequence.is_some_and(|received| received != *sent));
-        self.lacking = lacking.map(|sent| self.lacking.filter(|(lacked, _)| *lacked == sent).unwrap_or((sent, now_ns)));
-        if let Some((sequence, since_ns)) = self.lacking
+        let received = self.sequence.filter(|received| sent.is_some_and(|sent| sent != *received));
+        self.lacking_ns = received.and(self.lacking_ns.or(Some(now_ns)));
+        if let (Some(received), Some(since_ns)) = (received, self.lacking_ns)
             && now_ns - since_ns > SAMPLE_NS
         {
-            self.setting.host.fail(format_args!("{}: sample {sequence} does not come", self.endpoint.link));
+            let next = received.wrapping_add(1);
+            self.setting.host.fail(format_args!("{}: sample {next} does not come", self.endpoint.link));
         }
         if let Some((opcode, asked_ns)) = self.asked
             && now_ns - asked_ns > REPLY_NS
@@ -260,6 +261,7 @@ impl Connection<'_> {
 
     fn check_sample(&mut self, sequence: u16) {
         self.setting.totals.samples.fetch_add(1, Relaxed);
+        self.lacking_ns = None;
         let expected = self.sequence.replace(sequence).map(|before| before.wrapping_add(1));
         let is_next = expected.is_none_or(|expected| expected == sequence);
         if self.habits.is_attentive && !is_next && self.setting.is_exact() {
