@@ -123,7 +123,7 @@ pub fn is_recording(name: &str) -> bool {
     metadata(name).is_ok_and(|metadata| metadata.is_file() || metadata.is_dir())
 }
 
-/// True if `name` is there and no recording: lost data cannot be read again.
+/// True if `name` exists and is no recording: lost data cannot be read again.
 pub fn is_live(name: &str) -> bool {
     match metadata(name) {
         Ok(_) => !is_recording(name),
