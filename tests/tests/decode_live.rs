@@ -92,7 +92,7 @@ fn a_duration_ends_a_silent_link() {
 fn a_link_that_ends_before_the_duration_fails_with_its_rows() {
     let watch = ["watch", "--quiet"];
     for (command, frames, lines) in
-        [(&["decode"][..], 1, 2), (&["decode"], 0, 0), (&["track", "--format", "csv"], 1, 2), (&watch, 1, 0)]
+        [(&["decode"][..], 1, 2), (&["decode"], 0, 1), (&["track", "--format", "csv"], 1, 2), (&watch, 1, 1)]
     {
         let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
         let address = listener.local_addr().expect("its address").to_string();
@@ -107,7 +107,7 @@ fn a_link_that_ends_before_the_duration_fails_with_its_rows() {
         assert_eq!(output.status.code(), Some(1), "{command:?}: {said}");
         let early = said.split_once(&format!("{address}: ended ")).and_then(|(_, rest)| rest.split_once(" s before"));
         let left_s: f64 = early.and_then(|(left_s, _)| left_s.parse().ok()).unwrap_or_else(|| panic!("{said}"));
-        assert!((50.0..60.0).contains(&left_s), "{said}");
+        assert!((50.0..=60.0).contains(&left_s), "{said}");
         assert_eq!(String::from_utf8_lossy(&output.stdout).lines().count(), lines, "{command:?}");
     }
 }
