@@ -4,8 +4,11 @@
 
 use std::fs::Metadata;
 use std::io;
+use std::os::unix::fs::{FileTypeExt, MetadataExt};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use nix::sys::stat::major;
 
 use crate::place::{FileId, Target, duplicate, file_id};
 
@@ -31,6 +34,15 @@ enum Claimed {
     New(PathBuf),
 }
 
+/// Major number of /dev/null and the like, which any number of inputs and outputs share.
+const MEMORY_DEVICES: u64 = 1;
+
+/// True for a file, pipe or device of which an input and an output cannot be the same.
+fn is_claimed(metadata: &Metadata) -> bool {
+    let kind = metadata.file_type();
+    kind.is_file() || kind.is_fifo() || kind.is_char_device() && major(metadata.rdev()) != MEMORY_DEVICES
+}
+
 #[derive(Default)]
 struct Claims {
     inputs: Vec<(FileId, String)>,
@@ -43,13 +55,14 @@ fn claims() -> MutexGuard<'static, Claims> {
 }
 
 impl Claims {
-    fn output(&mut self, output: String, claimed: Claimed) -> Result<(), ClaimError> {
+    /// Several outputs may go to the same device or pipe.
+    fn output(&mut self, output: String, claimed: Claimed, is_file: bool) -> Result<(), ClaimError> {
         if let Claimed::Existing(id) = claimed
             && let Some((_, input)) = self.inputs.iter().find(|(other, _)| *other == id)
         {
             return Err(ClaimError::Input { output, input: input.clone() });
         }
-        if let Some((_, other)) = self.outputs.iter().find(|(other, _)| *other == claimed) {
+        if let Some((_, other)) = self.outputs.iter().find(|(other, _)| is_file && *other == claimed) {
             return Err(ClaimError::Output { output, other: other.clone() });
         }
         self.outputs.push((claimed, output));
@@ -57,12 +70,12 @@ impl Claims {
     }
 }
 
-/// Claims an input. Only regular files are claimed: writing does not destroy others.
+/// Claims an input: a file, which an output would destroy, or a pipe or device, to which it would be sent.
 ///
 /// # Errors
 /// The file is an output.
 pub fn claim_input(name: &str, metadata: &Metadata) -> Result<(), ClaimError> {
-    if !metadata.is_file() {
+    if !is_claimed(metadata) {
         return Ok(());
     }
     let (mut claims, id) = (claims(), file_id(metadata));
@@ -85,11 +98,15 @@ pub fn claim_output(option: &str, path: &Path) -> Result<(), ClaimError> {
     let target = Target::new(path).map_err(unwritable)?;
     target.check().map_err(unwritable)?;
     match target {
-        Target::Descriptor(_) | Target::Direct(_) => Ok(()),
+        Target::Descriptor(_) => Ok(()),
+        Target::Direct(path) => match std::fs::metadata(path).map_err(unwritable)? {
+            metadata if is_claimed(&metadata) => claims().output(output, Claimed::Existing(file_id(&metadata)), false),
+            _ => Ok(()),
+        },
         Target::Regular { before: Some(metadata), .. } => {
-            claims().output(output, Claimed::Existing(file_id(&metadata)))
+            claims().output(output, Claimed::Existing(file_id(&metadata)), true)
         }
-        Target::Regular { path, before: None } => claims().output(output, Claimed::New(path)),
+        Target::Regular { path, before: None } => claims().output(output, Claimed::New(path), true),
     }
 }
 
@@ -107,7 +124,7 @@ pub fn claim_standard_output() -> Result<(), ClaimError> {
         let metadata = stream.and_then(|stream| stream.metadata());
         let id = metadata.ok().filter(Metadata::is_file).map(|metadata| file_id(&metadata));
         if let Some(id) = id.filter(|id| !claimed.contains(id)) {
-            claims().output(name.to_owned(), Claimed::Existing(id))?;
+            claims().output(name.to_owned(), Claimed::Existing(id), true)?;
             claimed.push(id);
         }
     }

@@ -31,6 +31,8 @@ pub fn is_partial(path: &Path) -> bool {
 #[derive(Debug)]
 pub struct Output {
     destination: Destination,
+    /// Replaces no file.
+    is_new: bool,
 }
 
 #[derive(Debug)]
@@ -66,7 +68,15 @@ impl Output {
             Target::Direct(path) => Destination::Direct(OpenOptions::new().write(true).open(path)?),
             Target::Regular { path, before } => Destination::Beside(Unfinished::beside(&path, before.as_ref())?, path),
         };
-        Ok(Output { destination })
+        Ok(Output { destination, is_new: false })
+    }
+
+    /// Starts a new file with the final path `path`.
+    ///
+    /// # Errors
+    /// It cannot be created.
+    pub fn create_new(path: &Path) -> io::Result<Output> {
+        Ok(Output { is_new: true, ..Output::create(path)? })
     }
 
     fn file(&mut self) -> &mut File {
@@ -93,14 +103,17 @@ impl Output {
     /// Moves the complete file to its final path.
     ///
     /// # Errors
-    /// It cannot be moved; then the previous file is kept.
+    /// It cannot be moved, or a new file has come into being meanwhile; then that file, or the previous one, is kept.
     pub fn persist(mut self) -> io::Result<()> {
         self.complete()?;
         let Destination::Beside(unfinished_file, path) = &mut self.destination else { return Ok(()) };
         let file = unfinished_file.0.take().expect("some until it is persisted");
         let mut unfinished = unfinished();
         unfinished.remove(file.path());
-        file.persist(path).map(drop).map_err(|error| error.error)
+        let moved = if self.is_new { file.persist_noclobber(&*path) } else { file.persist(&*path) };
+        moved
+            .map(drop)
+            .map_err(|error| io::Error::new(error.error.kind(), format!("{}: {}", path.display(), error.error)))
     }
 }
 

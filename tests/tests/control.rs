@@ -152,6 +152,54 @@ fn a_silent_address_ends_the_monitor() {
     assert!(said.contains(&format!("{address}: expected an answer within 5s, got none")), "{said}");
 }
 
+/// A server that gives every request this answer.
+fn answers(answer: &'static str) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = listener.local_addr().expect("its address").to_string();
+    thread::spawn(move || {
+        while let Ok((mut stream, _)) = listener.accept() {
+            // The request fits into one read.
+            let _ = stream.read(&mut [0; 4096]);
+            let _ = stream.write_all(answer.as_bytes());
+        }
+    });
+    address
+}
+
+#[test]
+fn a_server_that_is_no_emulator_is_recognised() {
+    let json = "HTTP/1.1 200 OK\r\ncontent-type: application/json\r\ncontent-length: 2\r\nconnection: close\r\n\r\n{}";
+    let moved =
+        "HTTP/1.1 302 Found\r\nlocation: http://127.0.0.1:1/\r\ncontent-length: 2\r\nconnection: close\r\n\r\n{}";
+    let directory = tempfile::tempdir().expect("a directory");
+    let plan = directory.path().join("plan.toml");
+    fs::write(&plan, "[[fault]]\nfault = \"dead\"\ngyro = \"GYRX\"\nfor_s = 1\n").expect("written");
+    let plan = plan.to_str().expect("text");
+    for (arguments, expected) in [
+        (&["inject", "stuck-count", "GYRX", "counts=1"][..], "expected the answer of an emulator, got {}"),
+        (&["inject", "--plan", plan], "expected the answer of an emulator, got {}"),
+        (&["inject", "--clear", "all"], "expected the answer of an emulator, got {}"),
+        (&["inject", "--list"], "expected the answer of an emulator, got {}"),
+        (&["monitor"], "expected a stream of events, got another answer; is it an emulator?"),
+    ] {
+        let said = failed(&geu().args(arguments).args(["--control", &answers(json)]).output().expect("geu starts"), 1);
+        assert!(said.contains(expected), "{arguments:?}: {said}");
+    }
+    let redirected = geu().args(["inject", "--clear", "all", "--control", &answers(moved)]).output();
+    assert!(failed(&redirected.expect("geu starts"), 2).contains("302"));
+}
+
+#[test]
+fn a_plan_without_a_fault_is_refused() {
+    let (_emulator, address) = start(&[]);
+    let directory = tempfile::tempdir().expect("a directory");
+    let plan = directory.path().join("plan.toml");
+    fs::write(&plan, "# none yet\n").expect("written");
+    let output = geu().args(["inject", "--control", &address, "--plan"]).arg(&plan).output();
+    let said = failed(&output.expect("geu starts"), 2);
+    assert!(said.contains("expected a plan with [[fault]], got none"), "{said}");
+}
+
 #[test]
 fn the_token_comes_from_a_file_or_the_environment_and_no_message_shows_it() {
     let directory = tempfile::tempdir().expect("a directory");

@@ -107,7 +107,7 @@ fn a_link_that_ends_before_the_duration_fails_with_its_rows() {
         assert_eq!(output.status.code(), Some(1), "{command:?}: {said}");
         let early = said.split_once(&format!("{address}: ended ")).and_then(|(_, rest)| rest.split_once(" s before"));
         let left_s: f64 = early.and_then(|(left_s, _)| left_s.parse().ok()).unwrap_or_else(|| panic!("{said}"));
-        assert!((50.0..=60.0).contains(&left_s), "{said}");
+        assert!((50.0..=60.0).contains(&left_s) && said.contains(&format!("after {frames} rows")), "{said}");
         assert_eq!(String::from_utf8_lossy(&output.stdout).lines().count(), lines, "{command:?}");
     }
 }
@@ -131,6 +131,42 @@ fn a_duration_of_a_recording_is_refused() {
         refuse(&[command, directory.path()]);
     }
     refuse(&[Path::new("decode"), Path::new(&link), &capture]);
+}
+
+#[test]
+fn a_link_is_no_output_of_its_decoding() {
+    let (mut master, _slave, link) = open_pty();
+    for output in ["--out", "--defects"] {
+        for command in ["decode", "track"].into_iter().filter(|own| *own == "decode" || output == "--out") {
+            let mut child = geu();
+            child.args([command, &link, "--duration", "0.5", output, &link]);
+            let output = child.output().expect("geu starts");
+            let said = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(2), "{said}");
+            assert!(said.contains("expected a file that is not an input"), "{said}");
+        }
+    }
+    // The unit got nothing.
+    nix::fcntl::fcntl(&master, nix::fcntl::FcntlArg::F_SETFL(nix::fcntl::OFlag::O_NONBLOCK)).expect("a flag");
+    assert_eq!(master.read(&mut [0; 64]).expect_err("nothing").kind(), std::io::ErrorKind::WouldBlock);
+    // Any number of inputs and outputs share /dev/null.
+    let capture = root().join("tests/captures/encoded.log");
+    let mut decode = geu();
+    decode.arg("decode").arg(&capture).args(["--out", "/dev/null", "--defects", "/dev/null"]);
+    assert!(decode.output().expect("geu starts").status.success());
+}
+
+#[test]
+fn inputs_are_there_before_the_first_is_read() {
+    let (_master, _slave, link) = open_pty();
+    let output = geu().args(["decode", &link, "nowhere.log", "--duration", "0.5"]).output().expect("geu starts");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("nowhere.log: no such file") && output.stdout.is_empty(), "{said}");
+    let (_other_master, _other_slave, other) = open_pty();
+    let output = geu().args(["decode", &link, &other, "--duration", "0.3"]).output().expect("geu starts");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains(&format!("geu: not read before the end: {other}")), "{said}");
 }
 
 /// Asks for the end, which is well and comes within a second; what it said on standard error, and the rest of its output.

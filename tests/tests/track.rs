@@ -258,3 +258,22 @@ fn heads_of_any_directions_turn_as_the_unit_does() {
         assert!(stderr(&output).contains(expected), "{arguments:?}: {}", stderr(&output));
     }
 }
+
+#[test]
+fn an_archive_of_several_files_is_tracked_as_its_recording() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let (recording, archive) = (directory.path().join("recording"), directory.path().join("archive"));
+    // Ten minutes before midnight.
+    simulate(&["--duration", "1200", "--start", "1796341800"], &recording);
+    let link = recording.join("link.log");
+    let decoded = run(&["decode", path(&link), "--format", "parquet", "--partition", path(&archive), "--quiet"]);
+    assert!(decoded.status.success(), "{}", stderr(&decoded));
+    let tracked = |input: &Path| {
+        let output = run(&["track", path(input), "--format", "csv", "--quiet"]);
+        assert!(output.status.success(), "{}", stderr(&output));
+        output.stdout
+    };
+    let of_recording = tracked(&link);
+    assert_eq!(of_recording.iter().filter(|byte| **byte == b'\n').count(), 2401);
+    assert_eq!(tracked(&archive), of_recording);
+}

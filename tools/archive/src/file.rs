@@ -229,7 +229,8 @@ impl Partition {
         self.made.make(&directory)?;
         geu_files::claim_output("--partition", &path)
             .map_err(|error| io::Error::new(io::ErrorKind::InvalidInput, error))?;
-        BatchFile::new(Output::create(&path)?, self.format, &self.schema)
+        let create = if self.replaces { Output::create } else { Output::create_new };
+        BatchFile::new(create(&path)?, self.format, &self.schema)
     }
 
     /// The complete files, still beside their final paths.

@@ -14,7 +14,7 @@ Exit codes:
   1  failed: output not writable, link broken, expectation not met, defects with --strict
   2  bad usage or bad input: an option, a configuration or a file is missing or wrong
   3  a diagnosis ended unexplained
-  130, 143  SIGINT, SIGTERM; run, replay, monitor, and decode and track of a live input exit with 0 instead";
+  130, 143  SIGINT, SIGTERM; run, replay, and decode, track and watch of a live input exit with 0 instead";
 
 /// Failure of a command.
 #[derive(Debug)]
@@ -62,7 +62,11 @@ impl CommandError {
     /// Prints the message and returns the exit code.
     pub fn report(&self) -> u8 {
         if !self.message.is_empty() {
-            note(format_args!("geu: {}\n", self.message.trim_end()));
+            // Names and contents of inputs may have characters that command a terminal.
+            let is_harmless = |letter: char| !letter.is_control() || matches!(letter, '\n' | '\t');
+            let shown = |letter: char| if is_harmless(letter) { letter } else { char::REPLACEMENT_CHARACTER };
+            let message: String = self.message.trim_end().chars().map(shown).collect();
+            note(format_args!("geu: {message}\n"));
         }
         self.code
     }

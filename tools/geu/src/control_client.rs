@@ -24,7 +24,7 @@ const LONGEST_LINE: u64 = 8 * 1024 * 1024;
 /// Keeps its connections between requests.
 static AGENT: LazyLock<Agent> = LazyLock::new(|| {
     let config = Agent::config_builder().http_status_as_error(false).timeout_connect(Some(ANSWER_TIMEOUT));
-    config.timeout_recv_response(Some(ANSWER_TIMEOUT)).build().new_agent()
+    config.timeout_recv_response(Some(ANSWER_TIMEOUT)).max_redirects(0).build().new_agent()
 });
 
 /// Selection of a running emulator.
@@ -120,6 +120,10 @@ impl ControlClient {
         if !response.status().is_success() {
             let answer: Value = response.body_mut().read_json().unwrap_or_default();
             return Err(refusal(response.status(), &answer));
+        }
+        if response.body().mime_type() != Some("text/event-stream") {
+            let message = "expected a stream of events, got another answer; is it an emulator?";
+            return Err(CommandError::failed(format!("--control {}: {message}", self.control)));
         }
         let mut stream = BufReader::new(response.into_body().into_reader());
         let (mut name, control) = (String::new(), self.control.clone());

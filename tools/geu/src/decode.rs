@@ -144,6 +144,7 @@ fn decode<D: Decode>(
         }
         read += 1;
     }
+    let left_out = arguments.inputs.get(read + 1..).filter(|left_out| !left_out.is_empty() && reader.is_stopped());
     let (summary, ending) = reader.finish(&mut writer);
     let result = result.and(ending);
     let is_refused = is_refused(&result, &summary, read);
@@ -167,6 +168,9 @@ fn decode<D: Decode>(
         note(format_args!("{summary}"));
     }
     note_elsewhere(&summary);
+    if let Some(left_out) = left_out {
+        note(format_args!("geu: not read before the end: {}\n", left_out.join(", ")));
+    }
     result?;
     arguments.reading.note_no_rows(&summary);
     arguments.check_strict(&summary)
@@ -226,7 +230,7 @@ impl Arguments {
 /// True if the rows read before this end are a result, also of a broken recording or a closed link.
 pub fn gives_rows(read: &Result<(), InputError>) -> bool {
     use InputError::{Container, Cut, EndedEarly, Read};
-    matches!(read, Ok(()) | Err(Read { .. } | Container { .. } | Cut { .. } | EndedEarly { .. }))
+    matches!(read, Ok(()) | Err(Read { .. } | Container { .. } | Cut { .. } | EndedEarly { rows: 1.., .. }))
 }
 
 /// True if the first input was refused, so that nothing is written, not even a header. `read` inputs were read to their end;

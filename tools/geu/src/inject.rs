@@ -54,16 +54,21 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     if let Some(id) = &arguments.clear {
         let path = if id == "all" { "/api/faults".to_owned() } else { format!("/api/faults/{id}") };
         let answer = emulator.ask(Method::DELETE, &path, None)?;
-        let cleared = match &answer["cleared"] {
-            Value::Array(ids) => ids.iter().filter_map(Value::as_str).collect::<Vec<_>>().join(" "),
-            _ => id.clone(),
+        let cleared = match (&answer["cleared"], &answer["id"]) {
+            (Value::Array(ids), _) => ids.iter().filter_map(Value::as_str).collect::<Vec<_>>().join(" "),
+            (_, Value::String(id)) => id.clone(),
+            _ => return Err(foreign(&answer)),
         };
         say!("cleared {}", if cleared.is_empty() { "nothing: no fault is active or armed" } else { &cleared })?;
     } else if let Some(id) = &arguments.start {
         print_started(&emulator.ask(Method::POST, "/api/faults", Some(&json!({ "start": id })))?)?;
     } else if let Some(plan) = &plan {
         let added = emulator.ask(Method::POST, "/api/faults", Some(plan))?;
-        added.as_array().into_iter().flatten().try_for_each(print_started)?;
+        let added = added.as_array().ok_or_else(|| foreign(&added))?;
+        if added.is_empty() {
+            return Err(CommandError::input(format!("{}: expected a plan with [[fault]], got none", plan["name"])));
+        }
+        added.iter().try_for_each(print_started)?;
     } else if let Some(what) = &arguments.what {
         print_started(&emulator.ask(
             Method::POST,
@@ -75,7 +80,14 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
 }
 
 fn print_started(answer: &Value) -> Result<(), CommandError> {
-    say!("{} from {} s", answer["id"].as_str().unwrap_or_default(), answer["at_s"])
+    let id = answer["id"].as_str().ok_or_else(|| foreign(answer))?;
+    say!("{id} from {} s", answer["at_s"])
+}
+
+/// The answer of a server that is no emulator.
+fn foreign(answer: &Value) -> CommandError {
+    let answer: String = answer.to_string().chars().take(80).collect();
+    CommandError::failed(format!("--control: expected the answer of an emulator, got {answer}"))
 }
 
 /// Builds the request of a fault.
@@ -127,10 +139,7 @@ fn plan(path: &Path) -> Result<Value, CommandError> {
 
 fn list(emulator: &ControlClient) -> Result<(), CommandError> {
     let faults = emulator.ask(Method::GET, "/api/faults", None)?;
-    for fault in faults.as_array().into_iter().flatten() {
-        say!("{}", line(fault))?;
-    }
-    Ok(())
+    faults.as_array().ok_or_else(|| foreign(&faults))?.iter().try_for_each(|fault| say!("{}", line(fault)))
 }
 
 /// A fault in one line.

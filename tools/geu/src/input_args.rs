@@ -9,7 +9,9 @@ use geu_files::interruption::stop_flag;
 use geu_model::device::Device;
 use geu_protocol::CanIdMap;
 use geu_protocol::capture::Format as InputFormat;
-use geu_recording::{DecodeSummary, DecoderOptions, DeviceDecoder, InputReader, Stop, is_live, is_recording};
+use geu_recording::{
+    DecodeSummary, DecoderOptions, DeviceDecoder, InputReader, Stop, is_live, is_recording, verify_exists,
+};
 
 use crate::command_error::{CommandError, note};
 use crate::settings::{LONGEST_S, can_base, duration};
@@ -31,7 +33,7 @@ pub struct InputArgs {
     #[arg(long, value_name = "BAUD")]
     baud: Option<u32>,
     /// Stop a live input after this time; fails if it ends before.
-    #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = duration(0.0, LONGEST_S))]
+    #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = duration(0.001, LONGEST_S))]
     duration: Option<f64>,
     #[command(flatten)]
     range: RangeArgs,
@@ -67,8 +69,9 @@ impl InputArgs {
     /// process.
     ///
     /// # Errors
-    /// Signals cannot be watched; a duration of a recording.
+    /// An input that is not there; a duration of a recording; signals that cannot be watched.
     pub fn stop_at_signals(&self, inputs: &[String]) -> Result<Stop<'static>, CommandError> {
+        inputs.iter().try_for_each(|input| verify_exists(input))?;
         let flag = inputs.iter().any(|input| is_live(input)).then(stop_flag).transpose();
         let flag = flag.map_err(|error| CommandError::failed(format!("signals cannot be watched: {error}")))?;
         self.stop(flag, inputs)

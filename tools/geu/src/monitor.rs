@@ -2,6 +2,8 @@
 
 use std::collections::VecDeque;
 use std::io::{IsTerminal, stdout};
+use std::thread::sleep;
+use std::time::Duration;
 
 use clap::Args;
 use geu_protocol::field::UNIT_FLAGS;
@@ -15,6 +17,8 @@ use crate::inject;
 
 /// Lines of the event log below the values.
 const EVENT_LINES: usize = 8;
+/// Pause before another connection.
+const RECONNECT_PAUSE: Duration = Duration::from_millis(100);
 /// Moves the cursor home and erases the screen below.
 const HOME: &str = "\x1b[H\x1b[J";
 
@@ -75,6 +79,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
             }
         }
         // The emulator disconnects a slow client, which then connects again.
+        sleep(RECONNECT_PAUSE);
         if emulator.ask(Method::GET, "/api/status", None).is_err() {
             return Err(CommandError::failed("the emulator has ended"));
         }

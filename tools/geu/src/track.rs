@@ -326,9 +326,12 @@ impl<P, O> Writer<P, O> {
 
 impl<R, P: FnMut(&R) -> Option<Track>, O: RowOutput<Track>> Sink<R> for Writer<P, O> {
     fn opened(&mut self) {
-        self.is_open = true;
-        let opened = self.output.open();
-        self.keep(opened);
+        // Once: an archive has several files.
+        if !self.is_open {
+            self.is_open = true;
+            let opened = self.output.open();
+            self.keep(opened);
+        }
     }
 
     fn row(&mut self, row: &R) {

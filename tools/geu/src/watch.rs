@@ -90,6 +90,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         None => running::control(Some(&arguments.link)).ok(),
     };
     let emulator = control.map(|address| ControlClient::new(&address, &arguments.token)).transpose()?;
+    let stop = arguments.reading.stop_at_signals(slice::from_ref(&arguments.link))?;
     if !arguments.quiet {
         let seen = match &reference {
             Some(_) => "each gyro against the model along the reference",
@@ -105,7 +106,6 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         }
     }
     let publisher = emulator.map(Publisher::start);
-    let stop = arguments.reading.stop_at_signals(slice::from_ref(&arguments.link))?;
     let interval_s = configuration.device.interval_s;
     match reference {
         Some(reference) if !configuration.device.is_iras() => {
@@ -154,9 +154,10 @@ fn watch<D: Decode>(
         };
         note(format_args!("geu: no change was searched for: {why}\n"));
     }
-    match arguments.strict && alarms > 0 {
-        true => Err(CommandError::failed(format!("--strict: {alarms} alarms"))),
-        false => Ok(()),
+    match alarms {
+        0 if arguments.strict && samples == 0 => Err(CommandError::failed("--strict: no sample")),
+        1.. if arguments.strict => Err(CommandError::failed(format!("--strict: {alarms} alarms"))),
+        _ => Ok(()),
     }
 }
 

@@ -86,10 +86,8 @@ pub enum InputError {
     #[error("--from, --to: expected samples of {names} in this range, got none")]
     EmptyRange { names: String },
     /// The input ended by itself before the time for which it was to be read.
-    #[error(
-        "{names}: ended {left_s:.1} s before the end of --duration; was the unit stopped? the rows until then are written"
-    )]
-    EndedEarly { names: String, left_s: f64 },
+    #[error("{names}: ended {left_s:.1} s before the end of --duration, after {rows} rows; was the unit stopped?")]
+    EndedEarly { names: String, left_s: f64, rows: u64 },
     /// Text without the columns of the unit's table.
     #[error("{name}: line 1: expected {expected}, got {got}")]
     Columns { name: String, expected: String, got: String },
@@ -128,6 +126,19 @@ pub fn is_live(name: &str) -> bool {
     match metadata(name) {
         Ok(_) => !is_recording(name),
         Err(_) => nix::net::if_::if_nametoindex(name).is_ok() || is_address(name),
+    }
+}
+
+/// Verifies that an input exists, before others are read.
+///
+/// # Errors
+/// Neither a path, nor an interface, nor an address has this name.
+pub fn verify_exists(name: &str) -> Result<(), InputError> {
+    match metadata(name) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound && !is_live(name) => {
+            Err(InputError::Missing { name: name.to_owned() })
+        }
+        _ => Ok(()),
     }
 }
 

@@ -119,7 +119,10 @@ impl<'a, D: Decode> InputReader<'a, D> {
                 Err(no_frame(&name, length, &head, expected))
             }
             _ if self.options.range.is_some() && summary.rows == 0 => Err(InputError::EmptyRange { names: names() }),
-            (_, Some(left)) => Err(InputError::EndedEarly { names: names(), left_s: left.as_secs_f64() }),
+            (_, Some(left)) => {
+                let (left_s, rows) = (left.as_secs_f64(), summary.rows);
+                Err(InputError::EndedEarly { names: names(), left_s, rows })
+            }
             _ => Ok(()),
         };
         (summary, result)

@@ -60,7 +60,7 @@ pub use csv_table::{CsvTable, TableError};
 pub use decoder::{Decoder, DecoderOptions};
 pub use defect::{Defect, DefectKind, place_text};
 pub use device_decoder::DeviceDecoder;
-pub use input::{InputError, is_live, is_recording};
+pub use input::{InputError, is_live, is_recording, verify_exists};
 pub use input_reader::{Decode, InputReader, Stop};
 pub use no_rows::no_rows_reason;
 pub use others::Others;
