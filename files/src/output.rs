@@ -71,7 +71,7 @@ impl Output {
         Ok(Output { destination, is_new: false })
     }
 
-    /// Starts a new file with the final path `path`.
+    /// Starts an output that replaces no file: if the file exists by the time of [`Output::persist`], it is kept and this is an error.
     ///
     /// # Errors
     /// It cannot be created.
@@ -103,7 +103,7 @@ impl Output {
     /// Moves the complete file to its final path.
     ///
     /// # Errors
-    /// It cannot be moved, or a new file has come into being meanwhile; then that file, or the previous one, is kept.
+    /// It cannot be moved; then the previous file is kept.
     pub fn persist(mut self) -> io::Result<()> {
         self.complete()?;
         let Destination::Beside(unfinished_file, path) = &mut self.destination else { return Ok(()) };
@@ -111,9 +111,16 @@ impl Output {
         let mut unfinished = unfinished();
         unfinished.remove(file.path());
         let moved = if self.is_new { file.persist_noclobber(&*path) } else { file.persist(&*path) };
-        moved
-            .map(drop)
-            .map_err(|error| io::Error::new(error.error.kind(), format!("{}: {}", path.display(), error.error)))
+        moved.map(drop).map_err(|error| match error.error.kind() {
+            kind @ io::ErrorKind::AlreadyExists => {
+                let path = path.display();
+                io::Error::new(
+                    kind,
+                    format!("{path}: expected no file, but another process has written it meanwhile; it is kept"),
+                )
+            }
+            _ => error.error,
+        })
     }
 }
 

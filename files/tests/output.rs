@@ -27,6 +27,21 @@ fn dropped_output_keeps_the_previous_file() {
 }
 
 #[test]
+fn a_new_output_keeps_a_file_that_was_written_meanwhile() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let path = directory.path().join("rows.csv");
+    let [first, second] = ["first", "second"].map(|rows| {
+        let mut output = Output::create_new(&path).expect("written");
+        output.write_all(rows.as_bytes()).expect("written");
+        output
+    });
+    first.persist().expect("the only one");
+    let error = second.persist().expect_err("a file exists");
+    assert!(error.to_string().contains("rows.csv: expected no file"), "{error}");
+    assert_eq!((text(&path), fs::read_dir(directory.path()).expect("there").count()), ("first".to_owned(), 1));
+}
+
+#[test]
 fn permissions_stay_and_symlinks_are_followed() {
     let directory = tempfile::tempdir().expect("a directory");
     let [file, link, dangling, target] =

@@ -176,10 +176,10 @@ fn a_server_that_is_no_emulator_is_recognised() {
     fs::write(&plan, "[[fault]]\nfault = \"dead\"\ngyro = \"GYRX\"\nfor_s = 1\n").expect("written");
     let plan = plan.to_str().expect("text");
     for (arguments, expected) in [
-        (&["inject", "stuck-count", "GYRX", "counts=1"][..], "expected the answer of an emulator, got {}"),
-        (&["inject", "--plan", plan], "expected the answer of an emulator, got {}"),
-        (&["inject", "--clear", "all"], "expected the answer of an emulator, got {}"),
-        (&["inject", "--list"], "expected the answer of an emulator, got {}"),
+        (&["inject", "stuck-count", "GYRX", "counts=1"][..], "expected the answer of an emulator, got {};"),
+        (&["inject", "--plan", plan], "expected the answer of an emulator, got {};"),
+        (&["inject", "--clear", "all"], "expected the answer of an emulator, got {};"),
+        (&["inject", "--list"], "expected the answer of an emulator, got {};"),
         (&["monitor"], "expected a stream of events, got another answer; is it an emulator?"),
     ] {
         let said = failed(&geu().args(arguments).args(["--control", &answers(json)]).output().expect("geu starts"), 1);

@@ -113,6 +113,31 @@ fn a_link_that_ends_before_the_duration_fails_with_its_rows() {
 }
 
 #[test]
+fn a_link_that_ends_without_a_sample_keeps_the_previous_output() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let file = directory.path().join("rows.csv");
+    for command in ["decode", "track"] {
+        fs::write(&file, "before").expect("written");
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+        let address = listener.local_addr().expect("its address").to_string();
+        let child = geu().args([command, &address, "--duration", "60", "--quiet", "--out"]).arg(&file).spawn();
+        let mut child = child.expect("geu starts");
+        drop(listener.accept().expect("a client"));
+        assert_eq!(child.wait().expect("its end").code(), Some(1), "{command}");
+        assert_eq!(fs::read_to_string(&file).expect("a file"), "before", "{command}");
+    }
+}
+
+#[test]
+fn a_strict_watch_of_a_silent_link_fails() {
+    let (_master, _slave, path) = open_pty();
+    let arguments = ["watch", &path, "--duration", "0.3", "--strict", "--quiet"];
+    let output = geu().args(arguments).output().expect("geu starts");
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    assert!(String::from_utf8_lossy(&output.stderr).contains("--strict: no sample"), "{output:?}");
+}
+
+#[test]
 fn a_duration_of_a_recording_is_refused() {
     let capture = root().join("tests/captures/encoded.log");
     let directory = tempfile::tempdir().expect("a directory");
@@ -136,15 +161,11 @@ fn a_duration_of_a_recording_is_refused() {
 #[test]
 fn a_link_is_no_output_of_its_decoding() {
     let (mut master, _slave, link) = open_pty();
-    for output in ["--out", "--defects"] {
-        for command in ["decode", "track"].into_iter().filter(|own| *own == "decode" || output == "--out") {
-            let mut child = geu();
-            child.args([command, &link, "--duration", "0.5", output, &link]);
-            let output = child.output().expect("geu starts");
-            let said = String::from_utf8_lossy(&output.stderr);
-            assert_eq!(output.status.code(), Some(2), "{said}");
-            assert!(said.contains("expected a file that is not an input"), "{said}");
-        }
+    for (command, option) in [("decode", "--out"), ("decode", "--defects"), ("track", "--out")] {
+        let output = geu().args([command, &link, "--duration", "0.5", option, &link]).output().expect("geu starts");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        assert!(said.contains("expected a file that is not an input"), "{said}");
     }
     // The unit got nothing.
     nix::fcntl::fcntl(&master, nix::fcntl::FcntlArg::F_SETFL(nix::fcntl::OFlag::O_NONBLOCK)).expect("a flag");
@@ -157,7 +178,7 @@ fn a_link_is_no_output_of_its_decoding() {
 }
 
 #[test]
-fn inputs_are_there_before_the_first_is_read() {
+fn every_input_exists_before_the_first_is_read() {
     let (_master, _slave, link) = open_pty();
     let output = geu().args(["decode", &link, "nowhere.log", "--duration", "0.5"]).output().expect("geu starts");
     let said = String::from_utf8_lossy(&output.stderr);

@@ -32,6 +32,7 @@ fn test_directory() -> tempfile::TempDir {
     let directory = tempfile::tempdir().expect("a directory");
     fs::write(directory.path().join("bad.toml"), "[gyro.GYRQ]\ndrift = 1\n").expect("written");
     fs::write(directory.path().join("plain"), "").expect("written");
+    fs::write(directory.path().join("escape"), "a\u{1b}[31m = 1\n").expect("written");
     fs::write(directory.path().join("comment"), "# none yet\n").expect("written");
     let made = run(directory.path(), "simulate --duration 600 --out rec");
     assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
@@ -67,7 +68,7 @@ fn the_help_of_every_command_lists_the_exit_codes() {
 }
 
 #[test]
-fn an_empty_configuration_or_plan_is_refused() {
+fn an_empty_configuration_or_plan_is_refused_and_no_message_commands_the_terminal() {
     let directory = test_directory();
     for (line, expected) in [
         ("simulate plain --duration 10 --out x", "plain: cannot be read: it is empty; expected a configuration"),
@@ -79,6 +80,9 @@ fn an_empty_configuration_or_plan_is_refused() {
         let message = String::from_utf8_lossy(&run(directory.path(), line).stderr).into_owned();
         assert!(message.contains(expected), "geu {line}: {message}");
     }
+    let output = run(directory.path(), "config check escape");
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(message.contains('\u{fffd}') && !message.contains('\u{1b}'), "{message:?}");
     // Nothing on purpose: a unit without errors.
     let output = run(directory.path(), "simulate /dev/null --duration 10 --out x");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));

@@ -21,6 +21,9 @@ const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 /// Longest line of an event stream, bytes; a sample with the largest number of active faults takes a tenth of it.
 const LONGEST_LINE: u64 = 8 * 1024 * 1024;
 
+/// Letters of a foreign answer that a message shows.
+const SHOWN_LETTERS: usize = 80;
+
 /// Keeps its connections between requests.
 static AGENT: LazyLock<Agent> = LazyLock::new(|| {
     let config = Agent::config_builder().http_status_as_error(false).timeout_connect(Some(ANSWER_TIMEOUT));
@@ -109,6 +112,13 @@ impl ControlClient {
             return Ok(answer);
         }
         Err(refusal(response.status(), &answer))
+    }
+
+    /// The failure of an answer that no emulator gives.
+    pub fn foreign(&self, answer: &Value) -> CommandError {
+        let answer: String = answer.to_string().chars().take(SHOWN_LETTERS).collect();
+        let what = format!("expected the answer of an emulator, got {answer}; geu run prints its address at the start");
+        CommandError::failed(format!("--control {}: {what}", self.control))
     }
 
     /// Follows the events until the emulator ends, or disconnects a slow client.

@@ -88,6 +88,7 @@ enum Format {
 /// An input cannot be read, an output cannot be written; with `--strict`, defects.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     arguments.verify_format()?;
+    arguments.reading.verify(&arguments.inputs)?;
     let stop = arguments.reading.stop_at_signals(&arguments.inputs)?;
     match arguments.device.as_deref().filter(|name| *name != DEFAULT_DEVICE) {
         Some(name) => {

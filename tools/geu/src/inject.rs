@@ -43,6 +43,9 @@ pub struct Arguments {
     emulator: EmulatorArgs,
 }
 
+/// Content of the file of `--plan`.
+const EXPECTED_PLAN: &str = "a plan with [[fault]]";
+
 /// Runs `geu inject`.
 ///
 /// # Errors
@@ -57,37 +60,29 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         let cleared = match (&answer["cleared"], &answer["id"]) {
             (Value::Array(ids), _) => ids.iter().filter_map(Value::as_str).collect::<Vec<_>>().join(" "),
             (_, Value::String(id)) => id.clone(),
-            _ => return Err(foreign(&answer)),
+            _ => return Err(emulator.foreign(&answer)),
         };
         say!("cleared {}", if cleared.is_empty() { "nothing: no fault is active or armed" } else { &cleared })?;
     } else if let Some(id) = &arguments.start {
-        print_started(&emulator.ask(Method::POST, "/api/faults", Some(&json!({ "start": id })))?)?;
+        print_started(emulator, &emulator.ask(Method::POST, "/api/faults", Some(&json!({ "start": id })))?)?;
     } else if let Some(plan) = &plan {
         let added = emulator.ask(Method::POST, "/api/faults", Some(plan))?;
-        let added = added.as_array().ok_or_else(|| foreign(&added))?;
+        let added = added.as_array().ok_or_else(|| emulator.foreign(&added))?;
         if added.is_empty() {
-            return Err(CommandError::input(format!("{}: expected a plan with [[fault]], got none", plan["name"])));
+            let name = plan["name"].as_str().unwrap_or_default();
+            return Err(CommandError::input(format!("{name}: expected {EXPECTED_PLAN}, got none")));
         }
-        added.iter().try_for_each(print_started)?;
+        added.iter().try_for_each(|fault| print_started(emulator, fault))?;
     } else if let Some(what) = &arguments.what {
-        print_started(&emulator.ask(
-            Method::POST,
-            "/api/faults",
-            Some(&fault(what, &arguments.keys, || emulator.gyros())?),
-        )?)?;
+        let fault = fault(what, &arguments.keys, || emulator.gyros())?;
+        print_started(emulator, &emulator.ask(Method::POST, "/api/faults", Some(&fault))?)?;
     }
     if arguments.list { list(emulator) } else { Ok(()) }
 }
 
-fn print_started(answer: &Value) -> Result<(), CommandError> {
-    let id = answer["id"].as_str().ok_or_else(|| foreign(answer))?;
+fn print_started(emulator: &ControlClient, answer: &Value) -> Result<(), CommandError> {
+    let id = answer["id"].as_str().ok_or_else(|| emulator.foreign(answer))?;
     say!("{id} from {} s", answer["at_s"])
-}
-
-/// The answer of a server that is no emulator.
-fn foreign(answer: &Value) -> CommandError {
-    let answer: String = answer.to_string().chars().take(80).collect();
-    CommandError::failed(format!("--control: expected the answer of an emulator, got {answer}"))
 }
 
 /// Builds the request of a fault.
@@ -133,13 +128,13 @@ fn read(text: &str) -> Value {
 
 /// Reads a plan for the control interface.
 fn plan(path: &Path) -> Result<Value, CommandError> {
-    let plan = read_text(path, "a plan with [[fault]]")?;
+    let plan = read_text(path, EXPECTED_PLAN)?;
     Ok(json!({ "plan": plan, "name": path.display().to_string() }))
 }
 
 fn list(emulator: &ControlClient) -> Result<(), CommandError> {
     let faults = emulator.ask(Method::GET, "/api/faults", None)?;
-    faults.as_array().ok_or_else(|| foreign(&faults))?.iter().try_for_each(|fault| say!("{}", line(fault)))
+    faults.as_array().ok_or_else(|| emulator.foreign(&faults))?.iter().try_for_each(|fault| say!("{}", line(fault)))
 }
 
 /// A fault in one line.

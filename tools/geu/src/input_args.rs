@@ -69,27 +69,32 @@ impl InputArgs {
     /// process.
     ///
     /// # Errors
-    /// An input that is not there; a duration of a recording; signals that cannot be watched.
+    /// Signals cannot be watched.
     pub fn stop_at_signals(&self, inputs: &[String]) -> Result<Stop<'static>, CommandError> {
-        inputs.iter().try_for_each(|input| verify_exists(input))?;
         let flag = inputs.iter().any(|input| is_live(input)).then(stop_flag).transpose();
         let flag = flag.map_err(|error| CommandError::failed(format!("signals cannot be watched: {error}")))?;
-        self.stop(flag, inputs)
+        Ok(self.stop(flag))
     }
 
     /// The end by a flag, or after the duration.
+    pub fn stop<'a>(&self, flag: Option<&'a AtomicBool>) -> Stop<'a> {
+        let deadline = self.duration.map(|duration_s| Instant::now() + Duration::from_secs_f64(duration_s));
+        Stop { flag, deadline }
+    }
+
+    /// Verifies the inputs before the first is read.
     ///
     /// # Errors
-    /// A duration of a recording.
-    pub fn stop<'a>(&self, flag: Option<&'a AtomicBool>, inputs: &[String]) -> Result<Stop<'a>, CommandError> {
+    /// An input that does not exist; a duration of a recording.
+    pub fn verify(&self, inputs: &[String]) -> Result<(), CommandError> {
+        inputs.iter().try_for_each(|input| verify_exists(input))?;
         if self.duration.is_some()
             && let Some(recording) = inputs.iter().find(|input| is_recording(input))
         {
             let got = format!("--duration: expected live inputs alone, got the recording {recording}; leave it out");
             return Err(CommandError::input(got));
         }
-        let deadline = self.duration.map(|duration_s| Instant::now() + Duration::from_secs_f64(duration_s));
-        Ok(Stop { flag, deadline })
+        Ok(())
     }
 
     fn options(&self) -> Result<DecoderOptions, CommandError> {

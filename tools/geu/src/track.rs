@@ -126,6 +126,7 @@ fn calibration(arguments: &Arguments) -> Result<Result<PriorCalibration, Configu
 /// # Errors
 /// The input cannot be read, the output cannot be written; with `--strict`, an incomplete attitude, alarms or defects.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
+    arguments.reading.verify(slice::from_ref(&arguments.link))?;
     let start = arguments.attitude.unwrap_or_default();
     match calibration(arguments)? {
         Ok(prior) => {
@@ -326,12 +327,9 @@ impl<P, O> Writer<P, O> {
 
 impl<R, P: FnMut(&R) -> Option<Track>, O: RowOutput<Track>> Sink<R> for Writer<P, O> {
     fn opened(&mut self) {
-        // Once: an archive has several files.
-        if !self.is_open {
-            self.is_open = true;
-            let opened = self.output.open();
-            self.keep(opened);
-        }
+        self.is_open = true;
+        let opened = self.output.open();
+        self.keep(opened);
     }
 
     fn row(&mut self, row: &R) {

@@ -90,7 +90,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         None => running::control(Some(&arguments.link)).ok(),
     };
     let emulator = control.map(|address| ControlClient::new(&address, &arguments.token)).transpose()?;
-    let stop = arguments.reading.stop_at_signals(slice::from_ref(&arguments.link))?;
+    arguments.reading.verify(slice::from_ref(&arguments.link))?;
     if !arguments.quiet {
         let seen = match &reference {
             Some(_) => "each gyro against the model along the reference",
@@ -106,6 +106,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         }
     }
     let publisher = emulator.map(Publisher::start);
+    let stop = arguments.reading.stop_at_signals(slice::from_ref(&arguments.link))?;
     let interval_s = configuration.device.interval_s;
     match reference {
         Some(reference) if !configuration.device.is_iras() => {

@@ -118,13 +118,13 @@ const ZSTD_WINDOW_LOG: u32 = 27;
 
 /// True for a file, also as standard input, and for the directory of an archive: it can be read again, and ends.
 pub fn is_recording(name: &str) -> bool {
-    metadata(name).is_ok_and(|metadata| metadata.is_file() || metadata.is_dir())
+    metadata(name).is_ok_and(|metadata| lasts(&metadata))
 }
 
 /// True if `name` exists and is no recording: lost data cannot be read again.
 pub fn is_live(name: &str) -> bool {
     match metadata(name) {
-        Ok(_) => !is_recording(name),
+        Ok(metadata) => !lasts(&metadata),
         Err(_) => nix::net::if_::if_nametoindex(name).is_ok() || is_address(name),
     }
 }
@@ -140,6 +140,10 @@ pub fn verify_exists(name: &str) -> Result<(), InputError> {
         }
         _ => Ok(()),
     }
+}
+
+fn lasts(metadata: &Metadata) -> bool {
+    metadata.is_file() || metadata.is_dir()
 }
 
 fn metadata(name: &str) -> io::Result<Metadata> {

@@ -63,6 +63,8 @@ pub struct InputReader<'a, D = Decoder> {
     stop: Stop<'a>,
     /// A serial recording in which a frame must be found: name, length and first bytes.
     serial: Option<(String, u64, Vec<u8>)>,
+    /// True once an input was open.
+    is_open: bool,
 }
 
 impl<'a> InputReader<'a> {
@@ -75,7 +77,7 @@ impl<'a> InputReader<'a> {
 impl<'a, D: Decode> InputReader<'a, D> {
     /// A reader with this decoder.
     pub fn with(decoder: D, options: DecoderOptions, stop: Stop<'a>) -> InputReader<'a, D> {
-        InputReader { decoder, options, stop, serial: None }
+        InputReader { decoder, options, stop, serial: None, is_open: false }
     }
 
     /// Reads an input to its end. Rows before an error have been given out.
@@ -90,13 +92,19 @@ impl<'a, D: Decode> InputReader<'a, D> {
         if self.options.range.is_some() {
             return Err(InputError::NoArchive { name: name.to_owned() });
         }
-        sink.opened();
-        self.decoder.begin(name, sink);
+        self.begin(name, sink);
         match source {
             Source::Bytes { bytes, is_live } => self.bytes(name, bytes, is_live, sink),
             Source::Serial(port) => self.port(name, port, sink),
             Source::Can(socket) => self.socket(name, socket, sink),
         }
+    }
+
+    fn begin(&mut self, name: &str, sink: &mut impl Sink<D::Row>) {
+        if !std::mem::replace(&mut self.is_open, true) {
+            sink.opened();
+        }
+        self.decoder.begin(name, sink);
     }
 
     /// Ends the stream: gives out what waits, and the summary.

@@ -53,7 +53,7 @@ impl DeviceSample {
 
 /// Receives rows and defects in their order.
 pub trait Sink<R = ReceivedSample> {
-    /// Called when an input is open, before its first record.
+    /// Called once, when the first input is open, before its first record.
     fn opened(&mut self) {}
     /// Called with every record of a capture, before its row or defect.
     #[inline]

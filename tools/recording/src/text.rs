@@ -34,18 +34,18 @@ const HEAD: u64 = 4096;
 /// UTF-8. Devices may be empty: /dev/null is so on purpose.
 pub fn read_text(path: &Path) -> io::Result<String> {
     if fs::metadata(path).is_ok_and(|metadata| metadata.is_file() && metadata.len() == 0) {
-        return Err(beyond("it is empty".to_owned()));
+        return Err(invalid("it is empty".to_owned()));
     }
     let mut bytes = Vec::new();
     open_bytes(path)?.take(MAX_DOCUMENT_BYTES as u64 + 1).read_to_end(&mut bytes)?;
     if bytes.len() > MAX_DOCUMENT_BYTES {
-        return Err(beyond(format!(
+        return Err(invalid(format!(
             "expected at most {MAX_DOCUMENT_BYTES} bytes of text, got more; check that this is the file meant"
         )));
     }
     let lines = memchr::memchr_iter(b'\n', &bytes).count();
     if lines > MAX_DOCUMENT_LINES {
-        return Err(beyond(format!(
+        return Err(invalid(format!(
             "expected at most {MAX_DOCUMENT_LINES} lines, got {lines}; check that this is the file meant"
         )));
     }
@@ -55,7 +55,7 @@ pub fn read_text(path: &Path) -> io::Result<String> {
     String::from_utf8(bytes).map_err(|error| {
         let (valid, bytes) = (error.utf8_error().valid_up_to(), error.as_bytes());
         let line = memchr::memchr_iter(b'\n', &bytes[..valid]).count() + 1;
-        beyond(format!("line {line}: expected UTF-8, got the byte {:02X}", bytes[valid]))
+        invalid(format!("line {line}: expected UTF-8, got the byte {:02X}", bytes[valid]))
     })
 }
 
@@ -100,7 +100,7 @@ fn claimed(path: &Path) -> io::Result<File> {
     Ok(file)
 }
 
-fn beyond(message: String) -> io::Error {
+fn invalid(message: String) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, message)
 }
 
@@ -127,7 +127,7 @@ impl<R: Read> RowReader<R> {
         }
         let head = self.head.get_ref();
         if head.starts_with(Foreign::PARQUET.signature) {
-            return Err(beyond(Foreign::PARQUET.to_string()));
+            return Err(invalid(Foreign::PARQUET.to_string()));
         }
         let head = head.strip_prefix(BYTE_ORDER_MARK).unwrap_or(head);
         Ok(String::from_utf8_lossy(head).lines().map(str::to_owned).collect())
@@ -150,12 +150,12 @@ impl<R: Read> Read for RowReader<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let rows = self.rows;
         if self.bytes > MAX_ROW_BYTES {
-            return Err(beyond(format!(
+            return Err(invalid(format!(
                 "after row {rows}: expected a row within {MAX_ROW_BYTES} bytes, comments and blank lines before it included, got none; check that this is the file meant"
             )));
         }
         if rows > MAX_ROWS {
-            return Err(beyond(format!(
+            return Err(invalid(format!(
                 "expected at most {MAX_ROWS} rows, got more; cut the series into shorter ones"
             )));
         }
@@ -202,7 +202,7 @@ impl<R: Read> Iterator for RowLines<R> {
         Some(
             str::from_utf8(text)
                 .map(str::to_owned)
-                .map_err(|_| beyond(format!("line {number}: expected UTF-8, got other bytes"))),
+                .map_err(|_| invalid(format!("line {number}: expected UTF-8, got other bytes"))),
         )
     }
 }

@@ -77,8 +77,8 @@ impl SimulatedLink {
     }
 }
 
-/// Sample intervals of the units, ns, and the largest number of samples of their runs. The end comes within a second also in a long interval.
-pub(crate) const INTERVALS_NS: [(i64, i64); 3] = [(500_000_000, 40), (20_000_000, 400), (5_000_000_000, 6)];
+/// Sample interval, ns, and largest number of samples of a run. The end comes within a second also in a long interval.
+pub(crate) const RUNS: [(i64, i64); 3] = [(500_000_000, 40), (20_000_000, 400), (5_000_000_000, 6)];
 /// Pause before a client opens its first connection, at most.
 const FIRST_PAUSE_NS: i64 = 3_000_000_000;
 
@@ -126,7 +126,7 @@ impl Plan {
             stall_ns: host.draw(10_000_000..=3_000_000_000),
             fails: if host.happens(0.1) { 0.01 } else { 0.0 },
         });
-        let (interval_ns, most) = INTERVALS_NS[if host.happens(0.7) { 0 } else { host.draw(1..=2) as usize }];
+        let (interval_ns, most) = RUNS[if host.happens(0.7) { 0 } else { host.draw(1..=2) as usize }];
         let samples = host.draw(4..=most) as u64;
         let speed = Speed::Times(if host.happens(0.85) { 1.0 } else { host.draw(2..=50) as f64 });
         let asked_ns = host.happens(0.7).then(|| host.draw(0..=interval_ns * samples as i64));
@@ -314,7 +314,8 @@ fn start_operator(plan: &Plan, service: &Arc<ControlService>, setting: &Arc<Sett
         return;
     }
     let (service, setting) = (service.clone(), setting.clone());
-    let [one_s, two_s] = [1.0, 2.0].map(|shortest_s: f64| shortest_s.max(plan.interval_ns as f64 * 1e-9));
+    // A fault lasts one sample or longer.
+    let [stuck_s, dead_s] = [1.0, 2.0].map(|shortest_s: f64| shortest_s.max(plan.interval_ns as f64 * 1e-9));
     let work = move || {
         let own = super::host().expect("simulated");
         // Falls behind.
@@ -326,8 +327,8 @@ fn start_operator(plan: &Plan, service: &Arc<ControlService>, setting: &Arc<Sett
             }
             let id = format!("fault{number}");
             let fault = match own.draw(0..=2) {
-                0 => json!({ "id": id, "fault": "stuck-count", "gyro": "GYRX", "counts": 5, "for_s": one_s }),
-                1 => json!({ "id": id, "fault": "dead", "gyro": "GYRY", "for_s": two_s }),
+                0 => json!({ "id": id, "fault": "stuck-count", "gyro": "GYRX", "counts": 5, "for_s": stuck_s }),
+                1 => json!({ "id": id, "fault": "dead", "gyro": "GYRY", "for_s": dead_s }),
                 _ => {
                     json!({ "id": id, "parameter": "drift.arcsec_per_h", "gyro": "GYRZA", "course": { "step": 10.0 } })
                 }

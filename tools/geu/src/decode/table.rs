@@ -42,7 +42,8 @@ pub fn decode_table(
         let first = text.split("\n\n").next().unwrap_or_default();
         CommandError::input(first.trim_start_matches("error: ").split_whitespace().collect::<Vec<_>>().join(" "))
     })?;
-    let until = arguments.reading.stop(Some(stop), &arguments.inputs)?;
+    arguments.reading.verify(&arguments.inputs)?;
+    let until = arguments.reading.stop(Some(stop));
     match arguments.device.as_deref().filter(|name| *name != DEFAULT_DEVICE) {
         None => table(&arguments, arguments.reading.reader(until)?, UnitColumns::default(), stop),
         Some(name) => {

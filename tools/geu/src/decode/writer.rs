@@ -74,10 +74,8 @@ impl<'a, O> Writer<'a, O> {
 
 impl<R, O: RowOutput<R>> Sink<R> for Writer<'_, O> {
     fn opened(&mut self) {
-        if !self.is_open {
-            self.is_open = true;
-            self.broken = self.open().err();
-        }
+        self.is_open = true;
+        self.broken = self.open().err();
     }
 
     #[inline]

@@ -27,8 +27,7 @@ impl<D: Decode> InputReader<'_, D> {
                     "expected a file of `geu decode --format parquet`, got another or damaged one; move it elsewhere";
                 return if is_file { Ok(false) } else { Err(failed(message.to_owned())) };
             };
-            sink.opened();
-            self.decoder.begin(&path, sink);
+            self.begin(&path, sink);
             self.decoder.describe("archive");
             while !self.is_done(sink)
                 && let Some((before, count)) = archive.next_batch().map_err(|error| failed(error.to_string()))?
